@@ -24,6 +24,13 @@ class Displayed:
     def _repr_html_(self) -> str | None:
         return str(shown("html", self)) if HOMES else None
 
+    def to_xarray(self) -> Any:
+        """An xarray Dataset with units and meanings, or a DataTree where records are inside.
+
+        `TypeError` for what holds no arrays of its own, such as a campaign.
+        """
+        return shown("to_xarray", self)
+
     def to_dataframe(self) -> Any:
         """A pandas DataFrame, a row per path, stop, point or score; `TypeError` where it is no table."""
         return shown("to_dataframe", self)

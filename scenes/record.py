@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Self, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.display import Displayed, shown
+from scenes.display import Displayed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -93,10 +93,6 @@ class Record(Displayed):
                 continue
             value = _checked(type(self).__name__, spec.name, getattr(self, spec.name), spec.metadata, sizes)
             object.__setattr__(self, spec.name, value)
-
-    def to_xarray(self) -> Any:
-        """An xarray Dataset with units and meanings, or a DataTree where records are inside."""
-        return shown("to_xarray", self)
 
     def take(self, axis: str, index: Any) -> Self:
         """The same record with `index` (mask or integers) applied to one named axis of every field that has it."""

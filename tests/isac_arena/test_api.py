@@ -4,19 +4,24 @@ import inspect
 import re
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import trimesh
 import xarray as xr
 
 import isac_arena as ia
 from isac_arena.campaign.campaign import campaign_store
+from isac_arena.scoring.chain import score_campaign
+from isac_arena.scoring.config import Significance
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign
 from scenes.config import SceneConfig
+from scenes.objects.clutter import Clutter
 from scenes.record import FloatArray
 from scenes.scene import Scene
 from scenes.tables import scene_tables
@@ -43,6 +48,8 @@ SIGNATURES = {
     "Paths.plot": "self, *arguments, **options",
     "Paths.to_xarray": "self",
     "Paths.to_dataframe": "self",
+    "Scene.to_xarray": "self",
+    "Scores.to_xarray": "self",
     "random_arena": "rng, difficulty=0.5, n_stops=10",
     "load_scene": "name_or_path, frequency_hz=60000000000.0",
 }
@@ -200,6 +207,42 @@ def test_a_record_in_xarray_is_what_its_file_holds(campaign: MadeCampaign, tmp_p
             if not str(name).startswith("gain_"):
                 np.testing.assert_array_equal(paths[name].values, made["paths"][name].values)
                 assert paths[name].attrs["units"] == made["paths"][name].attrs["units"]
+
+
+def test_scores_in_xarray_have_all_metrics_and_their_tables(
+    campaign: MadeCampaign, true_power: Callable[[ia.Truth], FloatArray]
+) -> None:
+    limits = Significance(noise_threshold_dbm=-150.0, dynamic_range_db=28.0)
+    scores = score_campaign(
+        campaign.scene, campaign.truths, campaign.results, true_power_dbm=true_power, significance=limits
+    )
+    made = scores.to_xarray()
+    assert made["metric"].values.tolist() == [metric.key for metric in scores.metrics]
+    position = made["value"].sel(metric="slam.position.rmse_m")
+    assert float(position) == scores.value("slam.position.rmse_m")
+    assert str(made["unit"].sel(metric="slam.position.rmse_m").values) == "m"
+    errors = made["poses"]["position_error_m"]
+    np.testing.assert_array_equal(errors.values, scores.tables.poses.position_error_m)
+    assert "ips" in made["mapping"].children and "tracks" not in made.children
+
+
+def test_a_scene_in_xarray_has_its_objects_meshes_corners_and_stops(campaign: MadeCampaign) -> None:
+    box = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    mesh = Clutter("cart", "clutter", campaign.scene.objects[0].material, box.vertices, np.asarray(box.faces))
+    scene = replace(campaign.scene, clutter=(mesh,))
+    made = scene.to_xarray()
+    assert made["object"].values.tolist() == [*scene.object_names, "cart"]
+    assert made["is_mesh"].values.sum() == 1 and bool(made["is_closed"].sel(object="cart"))
+    assert made["high_m"].sel(object="cart").values.tolist() == [1.0, 1.0, 1.0] and made["low_m"].units == "m"
+    item = scene.object("wall_east")
+    of_wall = made["corner_object"].values == scene.object_names.index("wall_east")
+    np.testing.assert_allclose(made["corner_m"].values[of_wall], item.contour.vertices(1e-3))
+    np.testing.assert_array_equal(made["stop_position_m"].values, [pose.position_m for pose in scene.stops])
+    assert made["tx"].values.tolist() == list(scene.txs)
+    table = scene.to_dataframe()
+    assert table["object"].tolist() == made["object"].values.tolist() and table["low_z_m"].iloc[-1] == 0.0
+    with pytest.raises(TypeError, match=r"Campaign holds no arrays of its own; its parts: .*link"):
+        ia.load_campaign("box_room").to_xarray()
 
 
 def test_stops_that_do_not_belong_together_are_named(campaign: MadeCampaign) -> None:
