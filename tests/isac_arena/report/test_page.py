@@ -192,6 +192,22 @@ def test_nothing_is_wider_than_a_phone(tab: Any, page: Path, width: int, height:
     tab.size(1300, 900)
 
 
+@pytest.mark.parametrize("width", [800, 1400])
+def test_the_last_column_of_the_path_table_can_be_reached(tab: Any, page: Path, width: int) -> None:
+    tab.size(width, 900)
+    tab.show(page, "#stop=0")
+    box = "document.querySelector('#path-table').parentElement"
+    assert tab.evaluate(f"{box}.getBoundingClientRect().right") <= width
+    assert tab.evaluate(f"{box}.clientHeight") <= 900  # so the bar below it is within the window
+    tab.evaluate(f"{box}.scrollLeft = 1e6")
+    last = tab.evaluate("document.querySelector('#path-table th:last-child').getBoundingClientRect().right")
+    assert last <= tab.evaluate(f"{box}.getBoundingClientRect().right") + 1
+    is_cut = tab.evaluate(f"{box}.scrollWidth > {box}.clientWidth")
+    assert is_cut == (width == 800)
+    assert "linear-gradient" in tab.evaluate(f"getComputedStyle({box}).backgroundImage")  # the shadow that says so
+    tab.size(1300, 900)
+
+
 def test_the_theme_follows_the_system_and_the_button(tab: Any, page: Path) -> None:
     paper = "getComputedStyle(document.body).backgroundColor"
     tab.media(prefers_color_scheme="dark")
