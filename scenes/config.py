@@ -96,8 +96,10 @@ class SceneConfig(ConfigModel):
                 materials[name] = material.build(name, frequency_hz)
         objects = [item.build(materials, folder) for item in self.objects]
         fields = [f"objects[{item.name}]" for item in self.objects]
+        notices: list[str] = []
         for plan in self.floorplans:
-            walls = plan.build(materials, folder)
+            walls, notice = plan.build(materials, folder)
+            notices += [notice] if notice else []
             fields += [f"floorplans[{plan.given_name}].{plan.file}: wall {item.name}" for item in walls]
             objects += walls
         clutter = [item.build(materials, folder) for item in self.meshes]
@@ -130,6 +132,7 @@ class SceneConfig(ConfigModel):
             other_txs=txs,
             other_walks=walks,
             tx_motions={name: motion for name, motion in moving.items() if motion is not None},
+            notices=tuple(notices),
             **planes,
         )
 

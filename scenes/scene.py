@@ -39,7 +39,8 @@ class Scene(Displayed):
 
     `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may have several TXs
     and several walks: `tx` and `walk` are the active ones, `choose` selects others. Objects, meshes and TXs stand
-    where they are at time zero of the campaign; those with a motion move from there, see `at`.
+    where they are at time zero of the campaign; those with a motion move from there, see `at`. `notices` say, a
+    sentence each, what is otherwise in the scene than in its files.
 
     Raises `ValueError` if two objects share a name, the ceiling is not above the floor, solids overlap without
     `may_overlap`, or a TX or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
@@ -58,6 +59,7 @@ class Scene(Displayed):
     other_txs: Mapping[str, Pose] = field(default_factory=dict)
     other_walks: Mapping[str, AnyWalk] = field(default_factory=dict)
     tx_motions: Mapping[str, Motion] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_names()

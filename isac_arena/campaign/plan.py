@@ -24,6 +24,7 @@ LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: sma
 BEHIND_DB = 25.0  # a line of sight weaker than this in the best beams lies behind the panels
 COARSE = 4.0  # a delay cell of so many times the extent of an object shows it as a point
 LARGE_MESH = 3.0  # times the extent of all else: a mesh in another unit is a hundred times larger
+SMALL_MESH_M = 0.05  # ten wavelengths at 60 GHz: smaller things reflect next to nothing
 FAR_M = 1.0  # beyond bounds, floor or ceiling: walls have a thickness
 OTHER_UNIT = 300.0  # times the extent of TX and walk, or of the objects: the other is in another unit
 LONGEST_M = 1000.0  # extent of TX and walk; a link at 60 GHz reaches less
@@ -40,10 +41,11 @@ HEIGHTS = "see 'Heights' in the README for the settings that mend it"
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run does in one line, and a sentence for everything doubtful."""
+    """What a run does in one line, a sentence for everything doubtful, and the notices of the scene."""
 
     does: str
     doubts: tuple[str, ...]
+    notices: tuple[str, ...] = ()
 
 
 def check_elevations(config: CampaignConfig) -> None:
@@ -74,7 +76,7 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
         f"{'; links: ' + link_roles(links) if config.links else ''}"
     )
     if config.propagation.deepmimo is not None:
-        return RunPlan(does, tuple(_about_settings(config, scene)))
+        return RunPlan(does, tuple(_about_settings(config, scene)), scene.notices)
     step = -(-len(scene.stops) // MOST_STOPS)
     by_tx = [_seen_paths(config, one, step) for one in links]
     of_any = {stop: [seen[stop] for seen in by_tx if stop in seen] for stop in range(0, len(scene.stops), step)}
@@ -82,8 +84,8 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     walks = links[0].config.role.receiver is None
     heights = _about_heights(config, scene, link, by_tx[0]) if walks else ()
     in_sight = (*heights, *_about_sight(scene, seen))
-    about = (*_about_settings(config, scene), *in_sight, *_about_places(scene), *_about_cells(scene, link))
-    return RunPlan(does, (*about, *_about_stops(config, scene)))
+    about = (*_about_settings(config, scene), *in_sight, *scene_doubts(scene), *_about_cells(scene, link))
+    return RunPlan(does, (*about, *_about_stops(config, scene)), scene.notices)
 
 
 def slam_of(config: CampaignConfig, scene: Scene, links: Sequence[TxLink[CampaignConfig]]) -> str:
@@ -145,7 +147,7 @@ def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
         )
 
 
-def _about_places(scene: Scene) -> Iterator[str]:
+def scene_doubts(scene: Scene) -> Iterator[str]:
     """What has another unit than all else, lies out of the bounds, or where something else stands."""
     devices = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
     around = [corner[:2] for item in scene.fixtures for corner in item.bounds_m]
@@ -161,6 +163,10 @@ def _about_places(scene: Scene) -> Iterator[str]:
         mesh_m = np.array(mesh.bounds_m)[:, :2]
         if (size_m := _extent_m(mesh_m)) > LARGE_MESH * extent_m:
             yield f"mesh {mesh.name} is {size_m:.4g} m large, all else {extent_m:.3g} m: {mesh.unit_hint}"
+        elif (size_m := float(np.ptp(mesh.bounds_m, axis=0).max())) < SMALL_MESH_M:
+            larger = f"scale = 1000 makes it {1000 * size_m:.2g} m"
+            hint = larger if mesh.scale == 1.0 else mesh.unit_hint
+            yield f"mesh {mesh.name} is {1000 * size_m:.2g} mm large, too small for an echo: {hint}"
         elif (mesh_m[1] < low).any() or (mesh_m[0] > high).any():
             yield f"mesh {mesh.name} lies outside of all else: check its position_m and scale"
         met = [item.name for item in scene.fixtures if not item.may_overlap and mesh.overlaps(item)]

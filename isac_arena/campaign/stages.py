@@ -121,7 +121,14 @@ def run_plan(store: CampaignStore) -> RunPlan:
 def print_plan(plan: RunPlan) -> None:
     """Print the plan of a run, a line for everything doubtful."""
     console.print(f"plan: {plan.does}", markup=False, soft_wrap=True)
-    print_doubts(plan.doubts)
+    print_scene_notices(plan.notices, plan.doubts)
+
+
+def print_scene_notices(notices: Sequence[str], doubts: Sequence[str]) -> None:
+    """Print a line for every notice of a scene and for everything doubtful."""
+    for notice in notices:
+        console.print(f"note: {notice}", markup=False, soft_wrap=True)
+    print_doubts(doubts)
 
 
 def print_doubts(doubts: Sequence[str]) -> None:

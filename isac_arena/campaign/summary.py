@@ -18,6 +18,7 @@ from isac_arena.progress import counted
 from isac_arena.scoring.headline import HEADS, headline, score_text
 from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.config import Stage
+from scenes.inventory import scene_inventory
 from scenes.scene import Scene
 from sim.config import ArrayConfig
 from sim.links import tx_links
@@ -91,6 +92,22 @@ def scene_summary(scene: Scene) -> str:
     """How many objects a scene has, and meshes where it has any."""
     meshes = f" and {len(scene.clutter)} mesh{'es' * (len(scene.clutter) > 1)}" if scene.clutter else ""
     return f"{len(scene.objects)} objects{meshes}"
+
+
+def scene_table(scene: Scene) -> Table:
+    """All objects and meshes of a scene as a table for the terminal, a row each with its extent in m."""
+    parts = scene_inventory(scene)
+    table = Table("object", "kind", "material", "x, m", "y, m", "z, m", "", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for row, name in enumerate(parts.object.tolist()):
+        extents = (
+            f"{low:.4g} to {high:.4g}" for low, high in zip(parts.low_m[row], parts.high_m[row], strict=True)
+        )
+        thin = "" if parts.is_closed[row] else "open" if parts.is_mesh[row] else "thin"
+        about = ("mesh" * bool(parts.is_mesh[row]), thin, "moves" * bool(parts.is_moving[row]))
+        table.add_row(
+            name, str(parts.kind[row]), str(parts.material[row]), *extents, ", ".join(filter(None, about))
+        )
+    return table
 
 
 def run_facts(

@@ -23,6 +23,7 @@ from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
 from scenes.toml_config import ConfigModel, naming_field, read_text
 
 MAX_WALLS = 50_000  # of a floor plan
+THICKEST_M = 1.0  # slab: thicker ones are most likely in millimetres or centimetres
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 
@@ -39,7 +40,9 @@ class MaterialConfig(ConfigModel):
     conductivity_s_m: Annotated[float, Field(ge=0)] | None = Field(
         None, description="in place of itu: conductivity at the carrier"
     )
-    thickness_m: Positive = Field(description="thickness of the slab behind every face")
+    thickness_m: Annotated[Positive, Field(le=THICKEST_M)] = Field(
+        description="thickness of the slab behind every face"
+    )
     scattering_coefficient: Annotated[float, Field(ge=0, le=1)] = Field(
         0.0, description="share of the reflected field that is scattered"
     )
@@ -117,20 +120,25 @@ class FloorplanConfig(ConfigModel):
         """The name; by default that of the file."""
         return self.name or name_from(Path(self.file).stem)
 
-    def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
-        """One object per straight wall: NAME_1, NAME_2, ..."""
+    def build(self, materials: dict[str, Material], folder: Path) -> tuple[list[SceneObject], str]:
+        """One object per straight wall, NAME_1, NAME_2, ..., and a notice where lines were merged, else empty."""
         name = self.given_name
         with naming_field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
             with naming_field(self.file, ": "):
                 parse = parse_geojson if Path(self.file).suffix in (".geojson", ".json") else parse_segments
-                walls = merge_segments(parse(read_text(find_file(folder, self.file))))
+                segments = parse(read_text(find_file(folder, self.file)))
+                walls = merge_segments(segments)
                 if len(walls) > MAX_WALLS:
                     raise ValueError(f"{len(walls)} walls: at most {MAX_WALLS} are taken")
-            return [
+            objects = [
                 SceneObject(f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material)
                 for index, wall in enumerate(walls, start=1)
             ]
+        if len(walls) == len(segments):
+            return objects, ""
+        notice = f"floor plan {self.file}: {len(segments)} lines make {len(walls)} wall{'s' * (len(walls) > 1)}"
+        return objects, f"{notice}, because lines that touch and lie on one straight line are one wall"
 
 
 class MeshConfig(ConfigModel):

@@ -89,6 +89,7 @@ MISTAKES = [
     ('itu = "wood"', "relative_permittivity = 0.2", r"materials\.wood\.relative_permittivity = 0\.2: must be"),
     ("z_m = 3.0", "z_m = -3.0", r"ceiling\.z_m = -3\.0: must lie above floor\.z_m = 0\.0"),
     ("z_max_m = 1.2", "z_max_m = -1.2", r"objects\[box\]\.z_max_m = -1\.2: must be greater than z_min_m"),
+    ("thickness_m = 0.02, scat", "thickness_m = 10.0, scat", r"thickness_m = 10\.0: must be"),
     ("[tx]", "[tx", r"not valid TOML: .*line"),
     ("[tx]", "[tx]\nname = 'a'\n[tx]", r"the table \[tx\] is there again in line \d+: keep only one"),
     ("[tx]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[tx]", r"tx: give either one \[tx\] or one or more"),

@@ -67,6 +67,10 @@ def test_unequal_heights_with_horizontal_beams() -> None:
         ({"position_m": [5.1, 5.5, 0.3]}, "mesh cart overlaps pillar: move one of them"),
         ({"position_m": [10.0, 2.0, 0.3]}, "mesh cart overlaps wall_east: move one of them"),
         ({"position_m": [4.0, 3.0, 0.3]}, None),
+        (
+            {"scale": 0.004},
+            "mesh cart is 1.6 mm large, too small for an echo: scale = 0.004 is given; a file in metres",
+        ),
     ],
 )
 def test_meshes_in_another_unit_or_elsewhere_are_told(
@@ -77,6 +81,31 @@ def test_meshes_in_another_unit_or_elsewhere_are_told(
     mesh = {"name": "cart", "file": "cart.stl", "material": "metal"} | change
     told = [one for one in doubts({**ROOM, "meshes": [mesh]}) if "mesh cart " in one and "facet" not in one]
     assert [one[: len(wanted or "")] for one in told] == ([wanted] if wanted else [])
+
+
+def test_a_mesh_of_millimetres_without_a_scale_is_told_what_to_give(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((0.0012, 0.0005, 0.001)).export("cart.stl")
+    mesh = {"name": "cart", "file": "cart.stl", "material": "metal", "position_m": [4.0, 3.0, 0.3]}
+    assert any(
+        "mesh cart is 1.2 mm large, too small for an echo: scale = 1000 makes it 1.2 m" in one
+        for one in doubts({**ROOM, "meshes": [mesh]})
+    )
+
+
+def test_lines_of_a_floor_plan_that_become_one_wall_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = {"file": "walls.csv", "material": "metal", "z_max_m": 2.0}
+    head, lines = "x0_m,y0_m,x1_m,y1_m\n", ["7,3,8,3\n", "8,3,9,3\n", "7,7,7,7.5\n"]
+    for kept, wanted in ((lines, ("floor plan walls.csv: 3 lines make 2 walls",)), (lines[::2], ())):
+        Path("walls.csv").write_text(head + "".join(kept))
+        campaign = ia.load_campaign("box_room", scene={**ROOM, "floorplans": [plan]})
+        found = plan_run(campaign.config, campaign.scene, campaign.link).notices
+        assert tuple(one.split(",")[0] for one in found) == wanted
 
 
 def test_places_in_another_unit_are_told() -> None:

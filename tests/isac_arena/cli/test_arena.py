@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from isac_arena.campaign.campaign import load_campaign
 from tests.command_line import ARENA, ROOT, arena, arena_here, failure
@@ -153,6 +155,30 @@ def test_a_drawn_scene_has_the_name_of_its_file(tmp_path: Path) -> None:
         result = arena_here("scene", *arguments, cwd=tmp_path)
         assert result.returncode == 0 and result.stdout.startswith("lab: 6 objects"), result.stderr
     assert {file.name for file in tmp_path.iterdir()} == {"my_hall.toml", "my_hall.png", "my_hall.ply"}
+
+
+def test_a_shown_scene_lists_its_meshes_and_tells_what_is_doubtful(tmp_path: Path) -> None:
+    trimesh.creation.box((0.2, 0.2, 0.4)).export(tmp_path / "cart.stl")
+    (tmp_path / "walls.csv").write_text("x0_m,y0_m,x1_m,y1_m\n7,3,8,3\n8,3,9,3\n")
+    text = (ROOT / "scenes/library/box_room.toml").read_text()
+    inside = '\n[[meshes]]\nfile = "cart.stl"\nmaterial = "metal"\nposition_m = [5.0, 5.5, 0.3]\n'
+    plan = '\n[[floorplans]]\nfile = "walls.csv"\nmaterial = "metal"\nz_max_m = 2.0\n'
+    (tmp_path / "hall.toml").write_text(text + inside + plan)
+    shown = arena_here("scene", "show", "hall.toml", cwd=tmp_path).stdout
+    assert re.search(r"cart +clutter +metal +4.9 to 5.1 +5.4 to 5.6 +0.1 to 0.5 +mesh", shown), shown
+    assert re.search(r"walls_1 +wall +metal +7 to 9 +3 to 3 +0 to 2 +thin", shown), shown
+    assert "doubtful: mesh cart overlaps pillar: move one of them" in shown
+    assert "note: floor plan walls.csv: 2 lines make 1 wall, because lines that touch" in shown
+
+
+@pytest.mark.parametrize("setting", ["scene", "campaign"])
+def test_a_wrong_name_is_answered_by_those_of_its_own_setting(tmp_path: Path, setting: str) -> None:
+    (tmp_path / "mine.toml").write_text('name = "mine"\nscene = "workshp"\n')
+    wrong = ("run", tmp_path / "mine.toml") if setting == "scene" else ("run", "workshp")
+    message = failure(*wrong, "--out", tmp_path / "out")
+    known = arena_here(setting, "list").stdout.splitlines()
+    named = message.partition("must be one of ")[2].removesuffix(", or the path of a .toml file").split(", ")
+    assert named == [line.split()[0] for line in known]
 
 
 def test_missing_things_are_named(tmp_path: Path) -> None:
