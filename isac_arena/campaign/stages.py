@@ -51,6 +51,10 @@ HERE = StopMakers(workers=1)
 
 # Files and folders of a campaign directory that a command reads beside the settings
 SHOWN_FAILURES = 3  # of a user's function at stops; a mistake in it fails at most stops
+ALL_FAILED = (
+    "it failed at all of the first {} stops; the others may go better, so the run goes on. Ctrl-C ends it, and "
+    "the same command continues"
+)
 SAMPLES = ("truth", "sweep")
 ESTIMATES = ("truth", "channel", "map")
 SCORED = (*ESTIMATES, "provenance.nc")
@@ -216,6 +220,8 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
                 failures.append(one.failure)
                 if len(failures) <= SHOWN_FAILURES:
                     _print_failure(one.failure, progress.console)
+                if number == len(failures) == SHOWN_FAILURES < n_stops:
+                    progress.console.print(ALL_FAILED.format(number), markup=False, soft_wrap=True)
     pack_stops(stops.store)
     more = max(len(failures) - SHOWN_FAILURES, 0)
     if more and len(failures) < len(stops.run.chosen_stops):  # else there is no report

@@ -96,6 +96,9 @@ def test_a_users_estimator_takes_the_place_of_ours(finished: Path, tmp_path: Pat
     assert message.endswith(f"traceback in {out}.estimator_error.txt") and not list(out.glob("*error*"))
     trace = (tmp_path / "out.estimator_error.txt").read_text()
     assert "return 1 / 0" in trace and "inputs.py" not in trace
+    told = arena_here("estimate", out, "--estimator", "mine:broken", cwd=tmp_path).stdout
+    third, last = told.index("stop 2: ZeroDivisionError"), told.rindex("estimate")
+    assert third < told.index("it failed at all of the first 3 stops") < last  # before the fourth and last stop
 
 
 def test_help_answers_without_heavy_imports() -> None:
