@@ -33,7 +33,8 @@ def axis_caption(results: SweepResults, key: str) -> str:
 def pareto_caption(results: SweepResults) -> str:
     """Caption of a trade-off."""
     means = _repeats(results, ", at its mean over the repeats")
-    return f"One dot for each design point{means}. Points on the front have labels with their axis values."
+    labels = "Points on the front have labels with their axis values; points that coincide share one."
+    return f"One dot for each design point{means}. {labels}"
 
 
 def parallel_caption(results: SweepResults, key: str) -> str:

@@ -24,7 +24,7 @@ from isac_arena.report.sweep.results import (
     nondominated,
     point_means,
 )
-from scenes.record import BoolArray, FloatArray
+from scenes.record import BoolArray, FloatArray, IntArray
 
 MOST_LINES = 5  # with two axes, each value of the other axis has its own line up to this number of values
 LONGEST_LABEL = 24
@@ -35,6 +35,9 @@ WIDTH_IN = 10.0  # the page stretches it to its own width
 MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a share of their range, a factor
 MOST_TICKS = 7
 FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them
+MOST_LABELS = 8  # of a front
+MOST_TOGETHER = 4  # points whose labels stand at one place
+ONE_PLACE = 0.005  # of the range of all points: nearer dots lie on each other
 LINE_COLORS = CLUSTER_COLORS
 DOUBT = "#C0142B"
 PALEST = 0.15  # of the colour map: lighter lines are invisible on white
@@ -84,16 +87,27 @@ def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
     panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="another point is better in both")
     order = np.flatnonzero(front)[np.argsort(means[front][:, 0])]
     panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="no other point is better in both")
-    for index in order[:: max(1, len(order) // 8)]:
+    together = coinciding(means[order], np.ptp(means[np.isfinite(means).all(axis=1)], axis=0))
+    for members in together[:: max(1, len(together) // MOST_LABELS)]:
         panel.annotate(
-            _values_at(results, index), means[index], xytext=(6, 5), textcoords="offset points", fontsize=7,
-            bbox=LABEL_BOX,
+            _labels(results, order[members]), means[order[members[0]]], xytext=(6, 5), textcoords="offset points",
+            fontsize=7, bbox=LABEL_BOX,
         )  # fmt: skip
     for key, name in ((first, "x"), (second, "y")):
         getattr(panel, f"set_{name}label")(_label(results.metrics[key]))
     panel.margins(0.12)
     panel.legend()
     return figure
+
+
+def coinciding(points: FloatArray, span: FloatArray) -> list[IntArray]:
+    """Rows (member,) of points (point, axis) that a figure shows at one place, in the order of the first of each.
+
+    `span` (axis,) is the range that the figure shows.
+    """
+    places = np.rint(points / np.where(span > 0, span, 1.0) / ONE_PLACE)
+    _, first, place = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    return [np.flatnonzero(place.ravel() == one) for one in np.argsort(first)]
 
 
 def front_of(results: SweepResults, first: str, second: str) -> BoolArray:
@@ -282,6 +296,12 @@ def _values_at(results: SweepResults, index: int) -> str:
     case = int(np.flatnonzero(results.point == np.unique(results.point)[index])[0])
     shown = [axis.values[case] for axis in results.axes]
     return ", ".join(f"{value:.3g}" if isinstance(value, float) else _short(str(value)) for value in shown)
+
+
+def _labels(results: SweepResults, points: IntArray) -> str:
+    """The labels of design points at one place, a line each; of many the first ones and how many more."""
+    more = [f"and {len(points) - MOST_TOGETHER} more"] if len(points) > MOST_TOGETHER else []
+    return "\n".join([*(_values_at(results, index) for index in points[:MOST_TOGETHER].tolist()), *more])
 
 
 def _label(metric: SweepMetric) -> str:

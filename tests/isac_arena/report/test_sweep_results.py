@@ -8,7 +8,14 @@ from scipy.stats import t as student
 
 from isac_arena.report.style import new_figure
 from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
-from isac_arena.report.sweep.figures import axis_figure, drawn_values, front_of, parallel_figure, pareto_figure
+from isac_arena.report.sweep.figures import (
+    axis_figure,
+    coinciding,
+    drawn_values,
+    front_of,
+    parallel_figure,
+    pareto_figure,
+)
 from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep
 from isac_arena.report.sweep.results import (
     SweepAxis,
@@ -140,6 +147,19 @@ def test_trade_offs_use_the_directions_of_the_metrics() -> None:
     assert " ".join(figure.axes[0].get_xlabel().split()) == "Receiver position in plan by SLAM, RMSE in m"
     parallel = parallel_figure(results, [KEY, "rate"])
     assert sum(len(line.get_xdata()) == 4 for line in parallel.axes[0].get_lines()) == 6  # a line per point
+
+
+def test_points_of_a_front_that_coincide_are_labelled_together() -> None:
+    results = made(3, 1)
+    same = {
+        KEY: SweepMetric(KEY, "m", "lower", np.array([0.1, 0.1, 0.2])),
+        "rate": SweepMetric("rate", "1", "higher", np.array([0.9, 0.9, 0.95])),
+    }
+    texts = [text.get_text() for text in pareto_figure(replace(results, metrics=same), KEY, "rate").axes[0].texts]
+    assert texts == ["0, a\n1, b", "2, a"]
+    points = np.array([[0.0, 1.0], [5.0, 1.0], [0.0, 1.0], [5.0, 2.0]])
+    assert [each.tolist() for each in coinciding(points, np.array([5.0, 1.0]))] == [[0, 2], [1], [3]]
+    assert len(coinciding(np.zeros((6, 2)), np.zeros(2))) == 1
 
 
 def test_the_page_is_whole_and_escapes_names() -> None:
