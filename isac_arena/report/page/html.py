@@ -18,6 +18,7 @@ from isac_arena.report.page.tables import (
     all_scores_table,
     headline_table,
     object_table,
+    scene_object_table,
     score_table,
 )
 from isac_arena.report.page.template import PAGE, script_text, style_text
@@ -69,6 +70,7 @@ def render_report(
         accepted=score_table(ACCEPTED, metrics),
         contours=score_table(CONTOURS, metrics),
         contour_objects=object_table(metrics, "contours"),
+        scene_objects=scene_object_table(payload["scene"], scores.tables),
         shapes=score_table(SHAPES, metrics),
         shape_objects=object_table(metrics, "shapes"),
         all_scores=all_scores_table(metrics),

@@ -2,14 +2,19 @@
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
+from typing import Any
+
+import numpy as np
 
 from isac_arena.report.style import html_table
 from isac_arena.scoring.headline import HEADLINE, HEADS, headline
 from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.stages.maps import found_objects
 from isac_arena.scoring.words import explained, legend
 from isac_arena.settings import UNITS
 
@@ -208,6 +213,30 @@ def object_table(metrics: Sequence[Metric], method: str) -> str:
             rows.append((escape(name), *map(_value, cells)))
     heads = [f"{label}, {one}" for one in ("mapping", "SLAM") for label, _ in columns]
     return html_table(("object", *map(explained, heads)), rows)
+
+
+def scene_object_table(scene: Mapping[str, Any], tables: ScoreTables) -> str:
+    """One row per object and mesh of a scene, seen or not: the paths that meet it, and whether a contour shows it.
+
+    `scene` is that of the page, see `report_payload`.
+    """
+    significant, maps = tables.significant, (tables.mapping, tables.slam)
+    found = [set(found_objects(one.contours)) for one in maps]
+    shown = [set(one.contours.object.tolist()) for one in maps]
+    kinds = {one["name"]: one["kind"] for one in scene["objects"]} | {
+        one["name"]: "mesh" for one in scene["clutter"]
+    }
+    rows = []
+    for name, kind in kinds.items():
+        met = significant.object == name
+        counts = met.sum(), len(np.unique(significant.stop[met]))
+        of_maps = (
+            "found" if name in enough else "too little of it" if name in some else "–"
+            for enough, some in zip(found, shown, strict=True)
+        )
+        rows.append((escape(name), escape(kind), *map(str, counts), *of_maps))
+    heads = ("object", "kind", "significant single bounces", "from so many stops", "mapping", "SLAM")
+    return html_table([*map(explained, heads)], rows)
 
 
 def all_scores_table(metrics: Iterable[Metric]) -> str:

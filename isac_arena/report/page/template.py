@@ -57,6 +57,9 @@ bounces met it on the walk.</p>
 <h3>Our contours</h3>
 <div class="unit">$contours</div>
 <div class="scroll">$contour_objects</div>
+<details><summary>All objects and meshes of the scene, also those that no path meets</summary>
+<div>$scene_objects</div>
+</details>
 <h3>Contours by the published method</h3>
 <div class="unit">$shapes</div>
 <div class="scroll">$shape_objects</div>

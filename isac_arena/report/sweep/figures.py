@@ -87,7 +87,8 @@ def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
     panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="another point is better in both")
     order = np.flatnonzero(front)[np.argsort(means[front][:, 0])]
     panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="no other point is better in both")
-    together = coinciding(means[order], np.ptp(means[np.isfinite(means).all(axis=1)], axis=0))
+    known = means[np.isfinite(means).all(axis=1)]
+    together = coinciding(means[order], np.ptp(known, axis=0) if len(known) else np.ones(2))
     for members in together[:: max(1, len(together) // MOST_LABELS)]:
         panel.annotate(
             _labels(results, order[members]), means[order[members[0]]], xytext=(6, 5), textcoords="offset points",

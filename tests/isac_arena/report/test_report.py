@@ -21,6 +21,7 @@ from isac_arena.report.page.tables import (
     MAPS,
     POSES,
     SHAPES,
+    scene_object_table,
     score_table,
 )
 from isac_arena.report.style import cluster_look
@@ -92,6 +93,16 @@ def test_the_same_figure_gives_the_same_bytes(campaign, scores, figures):
     for name in ("map", "cdf_pose", "mapping_cluster_00"):
         assert again[name].png == figures[name].png
         assert figures[name].png.startswith(b"\x89PNG")
+
+
+def test_all_objects_and_meshes_have_a_row_also_unseen_ones(campaign, scores):
+    objects = [{"name": item.name, "kind": item.kind} for item in campaign.scene.objects]
+    scene = {"objects": [*objects, {"name": "far_wall", "kind": "wall"}], "clutter": [{"name": "cart"}]}
+    rows = re.findall(r"<tr>(.*?)</tr>", scene_object_table(scene, scores.tables).replace("\n", ""))[1:]
+    cells = {row[0]: row[1:] for row in (re.findall(r"<td>(.*?)</td>", each) for each in rows)}
+    assert cells["far_wall"] == ["wall", "0", "0", "–", "–"] and cells["cart"] == ["mesh", "0", "0", "–", "–"]
+    met = scores.tables.significant.object == "pillar_a"
+    assert cells["pillar_a"] == ["pillar", str(met.sum()), str(met.sum()), "found", "found"]
 
 
 def test_page_is_self_contained_and_escaped(page, figures):
