@@ -80,6 +80,7 @@ make_venv() {
         { can_apt && apt_install "$package"; } ||
             die "$python cannot make virtual environments; run: $(apt_line "$package")"
     fi
+    say "Making the environment $venv ..."
     rm -rf -- "$venv"
     mkdir -- "$venv"
     touch -- "$unfinished"
@@ -139,6 +140,7 @@ ensure_llvm() {
     [[ "$found" == cuda ]] && return
     [[ -n "$found" && -e "$found" && "$found" == "${chosen:-$found}" ]] && return
     rm -f -- "$llvm"
+    [[ -z "$is_new" ]] || say "Trying the ray tracer (once, some seconds) ..."
     timed "ray tracer, a first kernel" probe_llvm && return
     [[ -z "$chosen" ]] || die "DRJIT_LIBLLVM_PATH = $chosen: not a usable LLVM 17 or later; unset it or name another"
     can_apt && apt_install libllvm19 && probe_llvm && return
@@ -171,7 +173,7 @@ sys.exit(not kernels_compiled() and compile_side_by_side() or 0)'
 # One bootstrap at a time in this checkout, where flock is there.
 if command -v flock >/dev/null; then
     exec 9<"$root"
-    flock 9
+    flock -n 9 || { say "Waiting for another bootstrap of this checkout ..."; flock 9; }
 fi
 is_new=""
 install_packages
