@@ -128,6 +128,12 @@ class CampaignRun:
             return observe(link.config, link.link, link.scene, truth, others)
         return link.observer(link.config, link.link, link.scene, truth)
 
+    @property
+    def calibrates(self) -> bool:
+        """Whether the arrays of a link are calibrated from its own stops."""
+        settings = (link.config for link in self.links)
+        return any(one.channel.self_calibration and one.functions.of("channel") is None for one in settings)
+
     def calibrate(self) -> Calibration | None:
         """The self-calibration of both arrays, kept or made from some stops; None where it is off.
 

@@ -207,8 +207,9 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
     """Make what is missing at every stop, here or on workers, with progress; failures of a user's function."""
     counts = TraceCounts()
     failures: list[EstimatorError] = []
-    with working(console, "self-calibration"):
-        stops.run.calibrate()
+    if stops.run.calibrates:
+        with working(console, "self-calibration: gains and phases of both arrays"):
+            stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
         n_stops = len(stops.run.chosen_stops)
         task = progress.add_task(description, total=n_stops, side_by_side=makers.workers or n_cores())

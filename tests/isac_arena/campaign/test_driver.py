@@ -178,3 +178,11 @@ def test_self_calibration_takes_stops_spread_over_the_run_and_is_made_once(
     own = with_functions(run.config, {"channel": "any:thing"})
     assert replace(run, config=own, results=MemoryResults()).calibrate() is None
     assert calls == [STOPS[0], STOPS[-1]]
+
+
+def test_self_calibration_is_named_only_where_there_is_one() -> None:
+    plain = ia.load_campaign("box_room")
+    asked = ia.load_campaign("box_room", **{"channel.self_calibration.stops": 2})
+    assert not plain.chain().calibrates and asked.chain().calibrates
+    own = with_functions(asked.config, {"channel": "mine:guess"})
+    assert not CampaignRun(own, asked.scene).calibrates
