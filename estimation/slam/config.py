@@ -273,7 +273,7 @@ class TrajectoryConfig(ConfigModel):
     )
     use_landmarks: bool = Field(True, description="walls and pillars seen from several stops are shared")
     use_double_bounces: bool = Field(True, description="bounces off two walls are used where both walls are known")
-    use_sessions: bool = Field(True, description="headings of the TX may have an offset per session")
+    use_sessions: bool = Field(True, description="the TX may have been turned during the walk")
     degrees_of_freedom: int = Field(4, ge=1, description="of the Student-t residual of a path")
     cross_track_std_m: float = Field(
         0.1, gt=0, description="second difference of the position across the walk, per stop squared"
@@ -302,7 +302,7 @@ class TrajectoryConfig(ConfigModel):
     object_radius_std_m: float = Field(0.2, gt=0, description="prior standard deviation of that radius")
 
     offset_std_deg: float = Field(
-        5.0, gt=0, description="prior standard deviation of a session's TX heading offset"
+        5.0, gt=0, description="prior of the TX heading offset of a session: stops between turns of the TX"
     )
     min_session_gain: float = Field(10.0, gt=0, description="gain in log evidence that an offset needs")
 

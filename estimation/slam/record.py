@@ -63,7 +63,9 @@ class PoseEstimates(Record):
     clock_bias_s: FloatArray = array("stop", unit="s", doc="receiver clock bias, against the first TX of several")
     status: IntArray = array("stop", dtype=int, doc="SolveStatus")
     n_inliers: IntArray = array("stop", dtype=int, doc="paths that agree with the solution, LOS included")
-    cost: FloatArray = array("stop", doc="cost of the chosen hypothesis")
+    cost: FloatArray = array(
+        "stop", doc="cost of the chosen solution, see docs/metrics.md: not comparable between stops"
+    )
     height_m: FloatArray = optional_array("stop", unit="m", doc="receiver height; NaN in the plane")
     height_std_m: FloatArray = optional_array("stop", unit="m", doc="its standard deviation; NaN in the plane")
     covariance: FloatArray = optional_array(

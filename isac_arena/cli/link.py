@@ -46,7 +46,7 @@ def head(budget: LinkBudget) -> list[str]:
         f"EIRP {budget.eirp_dbm:.1f} dBm: {tx_power_dbm:.1f} dBm, gain {budget.tx_gain_dbi:.1f} dBi;"
         f" RX gain {budget.rx_gain_dbi:.1f} dBi",
         f"noise per sample: thermal {budget.thermal_noise_dbm:.1f} dBm,"
-        f" converter at fixed gain {budget.converter_noise_dbm:.1f} dBm",
+        f" quantisation {budget.converter_noise_dbm:.1f} dBm (one gain for all stops, that of the strongest)",
         f"weakest path in a beam power map: {budget.weakest_dbm:.1f} dBm;"
         f" processing gain {budget.processing_gain_db:.1f} dB",
     ]
@@ -66,11 +66,19 @@ def stop_table(budget: LinkBudget) -> Table:
     """One row per stop."""
     from rich.table import Table  # noqa: PLC0415
 
-    heads = ("distance\nm", "LOS\ndBm", "bounce\ndBm", "noise\ndBm", "SNR\ndB", "range\ndB", "side lobes\ndB")
+    heads = (
+        "distance\nm",
+        "LOS\ndBm",
+        "bounce\ndBm",
+        "noise\ndBm",
+        "SNR\ndB",
+        "dynamic\nrange dB",
+        "side lobes\ndB",
+    )
     table = Table(
         "stop", *heads, title="Link budget, best beam pairs",
-        caption="bounce: strongest single one; SNR: strongest path, all subcarriers combined; range: LOS over the"
-        " weakest path in a beam power map; side lobes of the LOS: in one angle, in both",
+        caption="bounce: strongest single one; SNR: strongest path, all subcarriers combined; dynamic range: LOS"
+        " over the weakest path that shows in a beam power map; side lobes of the LOS: in one angle, in both",
     )  # fmt: skip
     for column in table.columns:
         column.justify = "right"

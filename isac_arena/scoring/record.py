@@ -80,7 +80,7 @@ class SignificantPaths(Record):
         "true_path", doc="largest joint bound over a resolution cell, diffuse included"
     )
     cause: TextArray = array("true_path", dtype=str, doc="why it was missed, see docs/metrics.md")
-    delay_bound_s: FloatArray = array("true_path", unit="s", doc="Cramer-Rao bound of the standard deviation")
+    delay_bound_s: FloatArray = array("true_path", unit="s", doc="joint bound: all paths of the stop unknown")
     aod_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the departure, cone or azimuth")
     aoa_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the arrival, cone or azimuth")
     delay_lone_bound_s: FloatArray = array("true_path", unit="s", doc="bound of the delay without other paths")

@@ -17,6 +17,8 @@ WORDS = {
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "dynamic range": "how far below the strongest path the estimator looks for paths",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
+    "inseparable": "closer to stronger neighbours, in delay and angles, than an estimator can tell apart: counted "
+    "apart, not as missed",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
     "false contour": "a ghost or a phantom",
     "false": "an estimate that no true path explains",
@@ -39,6 +41,7 @@ WORDS = {
     "single bounce": "a path that one surface reflected once; significant ones of all stops are counted",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",
+    "ramp": "phases that grow evenly from beam to beam, as a frequency offset makes them",
     "self-calibration": "gains and phases of both arrays, estimated from some stops before all else",
 }
 _KNOWN = re.compile(rf"\b({'|'.join(map(re.escape, WORDS))})(?=s?\b)", re.IGNORECASE)

@@ -80,10 +80,11 @@ def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
     position_m = np.array([pose.position_m for pose in poses])
     places = list(zip(poses, model.prepared.solver.paths(position_m), strict=True))
     table = Table(
-        "median bound", "LOS", "LOS, power alone", "1 bounce", "1 bounce, power alone", "unit",
+        "median bound", "LOS", "LOS, by power", "1 bounce", "1 bounce, by power", "unit",
         caption="Cramér-Rao bounds over the stops of the walk, of all paths of a stop together: a strong path "
         "within a cell of another can have a larger bound than a weak one that stands alone. "
-        "Power alone: with a CFO or phase noise, which change the phases from beam pair to beam pair",
+        "By power: from the powers of the beam pairs without their phases, which a frequency offset (CFO) or "
+        "phase noise changes from pair to pair",
         caption_justify="left",
     )  # fmt: skip
     for column in range(1, 5):
@@ -110,7 +111,7 @@ def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
 
 
 def _table_rows(bounds: PathBounds, chosen: BoolArray) -> FloatArray:
-    """SNR in dB, delay in ps and mm, AoD and AoA azimuth in mdeg (path, 5) of the chosen paths."""
+    """SNR in dB, delay in ps and mm, AoD and AoA azimuth in 0.001 deg (path, 5) of the chosen paths."""
     delay = bounds.delay_std_s
     angles = 1e3 * np.rad2deg(np.stack([bounds.aod_std_rad[:, 0], bounds.aoa_std_rad[:, 0]], axis=1))
     return np.column_stack([bounds.snr_db, 1e12 * delay, 1e3 * SPEED_OF_LIGHT_M_S * delay, angles])[chosen]

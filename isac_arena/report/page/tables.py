@@ -39,7 +39,7 @@ CHANNEL_COUNTS = ScoreTable(
     (
         ("Estimated paths per stop", "estimated_per_stop"),
         ("Significant true paths per stop", "significant_per_stop"),
-        ("of these, inseparable from others", "inseparable_per_stop"),
+        ("of these, inseparable: too close to others to tell apart", "inseparable_per_stop"),
         ("Detected per stop", "detected_per_stop"),
         ("Missed per stop", "missed_per_stop"),
         ("of these, inside the gate of a detected one", "unresolved_per_stop"),
@@ -268,4 +268,4 @@ def _value(metric: Metric | None) -> str:
 
 
 def _unit(metric: Metric | None) -> str:
-    return "" if metric is None or metric.unit == "1" else escape(metric.unit)
+    return "" if metric is None or metric.unit == "1" else explained(metric.unit)

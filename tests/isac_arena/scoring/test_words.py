@@ -42,6 +42,7 @@ def test_every_word_is_one_of_tables_pages_or_progress() -> None:
         "self-calibration",
         "incidence point",
         "lit extent",
+        "ramp",  # of what an estimator says of a stop
         "weak",
         "single bounce",
     }

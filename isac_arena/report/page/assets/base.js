@@ -95,17 +95,17 @@ function shown(value, decimals = 2, unit = "") {
   return unit ? `${text} ${unit}` : text;
 }
 
-/** A length, angle or time with three significant digits in a suitable unit: 4.30 mm, 0.420 deg, 21.3 ps. */
+/** A length, angle or time with three significant digits in a suitable unit: 4.30 mm, 0.00420 deg, 21.3 ps. */
 function measured(value, unit, signed = false) {
   if (value === null || value === undefined) return "–";
-  const units = { m: [[1, 1, "m"], [1e-2, 1e-2, "cm"], [1e-3, 1e-3, "mm"], [0, 1e-6, "µm"]], // from, step, name
-    deg: [[0.1, 1, "deg"], [0, 1e-3, "mdeg"]], ns: [[0.1, 1, "ns"], [0, 1e-3, "ps"]] }[unit];
+  const units = { m: [[1, 1, "m"], [1e-2, 1e-2, "cm"], [0, 1e-3, "mm"]], // from, step, name
+    deg: [[0, 1, "deg"]], ns: [[0.1, 1, "ns"], [0, 1e-3, "ps"]] }[unit];
   const size = Math.abs(value);
   if (size < 1e-9) return `0 ${unit}`; // rounding of the computation
   const [, step, name] = units.find(([from]) => size >= 0.9995 * from);
   const digits = Math.max(2 - Math.floor(Math.log10((1.0005 * size) / step)), 0);
   const sign = signed && value > 0 ? "+" : "";
-  return `${sign}${shown(value / step, Math.min(digits, 4))} ${name}`;
+  return `${sign}${shown(value / step, Math.min(digits, 7))} ${name}`;
 }
 
 function nearestTicks(low, high, count) {

@@ -67,7 +67,7 @@ function stopFacts(row) {
     const apart = truth.cause.filter((one) => one === "inseparable").length;
     const missed = truth.detected.filter((one) => !one).length - apart;
     words.push(`${truth.path.length} significant true paths, ${count("detected")} detected, ${missed} missed`
-      + (apart ? `, ${apart} inseparable from others; ` : "; ")
+      + (apart ? `, ${apart} too close to others to tell apart (inseparable); ` : "; ")
       + `${count("weak")} weak or diffuse and ${count("false")} false estimates.`);
     if (count("weak") && state.hidden.has("weak")) words.push(`Those weak or diffuse are listed with "${LAYERS.weak}".`);
   } else {
@@ -81,7 +81,8 @@ function stopFacts(row) {
       + `${bound(stops.heading_bound_deg[row], "deg")}, clock ${measured(stops.clock_error_ns[row], "ns", true)}`
       + `${bound(stops.clock_bound_ns[row], "ns")}.`);
   }
-  if (estimated.reason) words.push(`Estimator: ${estimated.method}, ${estimated.reason}.`);
+  if (estimated.reason) words.push(`Estimator: ${estimated.method}, ${estimated.reason}`
+    + (/\bramp\b/.test(estimated.reason) ? ` (ramp: ${data.words.ramp}).` : "."));
   return words.join(" ");
 }
 
