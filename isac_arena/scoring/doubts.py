@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from estimation.distributions import chi_square_quantile
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.progress import counted, listed
 from isac_arena.scoring.metrics.metric import Metric
@@ -117,6 +116,8 @@ def _too_large_doubt(values: Mapping[str, float]) -> Iterator[str]:
     A stop counts as one sample, because its paths and points share the errors of its pose: the mean of their NEES
     varies less than a single one. Stops count as independent; what all stops of a walk share is not tested.
     """
+    from estimation.distributions import chi_square_quantile  # noqa: PLC0415  (brings scipy)
+
     n_stops = values.get("slam.stops", np.nan) * values.get("slam.solved_share", np.nan)
     if not n_stops > 0:
         return
