@@ -29,7 +29,7 @@ from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, without_drift
+from estimation.channel.incoherent.clock_drift import DRIFTING, WANDERING, ClockDrift, without_drift
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from estimation.channel.incoherent.response_errors import ResponseErrors
 from estimation.channel.phases.drift import drift_against, with_drift_errors
@@ -64,28 +64,34 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
     if sweep.clock is not None:
         ramp = fit_phase_ramp(phases_against(sweep, fit_over_background(sweep, few)))
-        moving = _coherent(sweep, NO_RAMP, config, is_sure=False) if ramp.residual_rad <= DOUBTFUL_RAD else None
+        moving = (
+            _coherent(sweep, 0.0, NO_RAMP, few, config, is_sure=False)
+            if ramp.residual_rad <= DOUBTFUL_RAD
+            else None
+        )
         if moving is not None:
             return moving
         sweep = replace(sweep, clock=None)
     incoherent = fit_incoherent(sweep, few)
-    steady = without_drift(sweep, incoherent.drift_s)
+    drift_s = incoherent.drift_s
+    steady = without_drift(sweep, drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))
     start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
     is_doubtful = start.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs
-    coherent = None
     if ramp.is_coherent:
-        coherent = _coherent(steady, ramp, config, is_sure=True)
+        coherent = _coherent(sweep, drift_s, ramp, few, config, is_sure=True)
     elif is_doubtful:
-        coherent = _coherent_by_few(steady, start, few, config)
+        limit_rad = np.inf if start.residual_rad <= DOUBTFUL_RAD else DOUBTFUL_RAD
+        coherent = _coherent_by_few(sweep, drift_s, start, few, config, limit_rad)
+    else:
+        coherent = _coherent_by_few(sweep, drift_s, NO_RAMP, few, config, LARGEST_RESIDUAL_RAD)
     tracked = _tracked_from(steady, incoherent, config) if coherent is None else None
     if coherent is None and tracked is None and not is_doubtful:
-        coherent = _coherent_by_few(steady, start, few, config)
+        coherent = _coherent_by_few(sweep, drift_s, start, few, config, DOUBTFUL_RAD)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
         if joint.is_coherent:
-            driftless = without_drift(steady, tracked.drift.per_pair)
-            coherent = _coherent(driftless, joint, config, is_sure=False)
+            coherent = _coherent(sweep, drift_s + tracked.drift.per_pair, joint, few, config, is_sure=False)
         if coherent is None:
             tracked = _tracked(steady, tracked.pairs, config, (config.max_paths,), tracked.drift)
     if coherent is not None:
@@ -103,26 +109,48 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
 
 
 def _coherent_by_few(
-    sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig, config: MaximumLikelihoodConfig
+    sweep: BeamSweep,
+    drift_s: float,
+    ramp: PhaseRamp,
+    few: MaximumLikelihoodConfig,
+    config: MaximumLikelihoodConfig,
+    limit_rad: float,
 ) -> AutoFit | None:
-    """The coherent fit without the ramp of a few coherent paths, where these or the given ramp leave it open."""
-    joint = _joint_ramp(sweep, ramp, few)
-    if not (ramp.residual_rad <= DOUBTFUL_RAD or joint.residual_rad <= DOUBTFUL_RAD):
+    """The coherent fit if a few coherent paths, without a ramp or without this one, show at most this residual."""
+    joint = _joint_ramp(without_drift(sweep, drift_s), ramp, few)
+    if not joint.residual_rad <= limit_rad:
         return None
-    return _coherent(sweep, joint, config, is_sure=False)
+    return _coherent(sweep, drift_s, joint, few, config, is_sure=False)
 
 
 def _coherent(
-    sweep: BeamSweep, ramp: PhaseRamp, config: MaximumLikelihoodConfig, *, is_sure: bool
+    sweep: BeamSweep,
+    drift_s: float,
+    ramp: PhaseRamp,
+    few: MaximumLikelihoodConfig,
+    config: MaximumLikelihoodConfig,
+    *,
+    is_sure: bool,
 ) -> AutoFit | None:
-    """The coherent fit without the ramp; None if it has no paths, or if its phases do not hold and must."""
-    fit = fit_over_background(without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad), config)
+    """The coherent fit without the ramp; None if it has no paths, or if its phases do not hold and must.
+
+    A drift of the clock that pairs show one by one is found again with a few coherent paths: other paths in a pair
+    look like one.
+    """
+    drift = ClockDrift()
+    if drift_s:
+        back = without_phase_ramp(without_drift(sweep, drift_s), ramp.tx_step_rad, ramp.rx_step_rad)
+        drift = drift_against(back, fit_over_background(back, few), ClockDrift(drift_s), DRIFTING)
+    steady = without_drift(sweep, drift.per_pair)
+    fit = fit_over_background(without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad), config)
     if not is_sure:
-        ramp = fit_phase_ramp(phases_against(sweep, fit))
+        ramp = fit_phase_ramp(phases_against(steady, fit))
     if not (len(fit) and ramp.is_coherent):
         return None
     offset_hz = _frequency_offset_hz(sweep, ramp)
-    return AutoFit(fit, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz))
+    return AutoFit(
+        with_drift_errors(steady, fit, drift), "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz)
+    )
 
 
 @dataclass(frozen=True)
