@@ -20,6 +20,7 @@ from estimation.distributions import chi_square_quantile
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 MAIN_LOBE = 0.1  # of the power of the best beam: beams whose magnitudes show errors
+TELLING = 0.01  # the same of beams that tell a direction: those beside the one that points there have little power
 SIGNIFICANT_STD = 3.0  # by which magnitudes exceed the noise where they show errors
 LARGEST_LEVEL = 0.3  # power of the error of an element: a third of its own, 30 deg or 5 dB
 REGULAR = 1e-9  # relative information on an angle below which magnitudes do not show it
@@ -49,8 +50,8 @@ class ResponseErrors:
         n, size = ends.tx.n_angles, ends.tx.n_angles + ends.rx.n_angles
         covariance = np.zeros((len(paths), size, size))
         for path, (aod, aoa) in enumerate(zip(paths[:, 1 : 1 + n], paths[:, 1 + n : -2], strict=True)):
-            covariance[path, :n, :n] = self.level * EndErrors.of(ends.tx, aod).angle_covariance
-            covariance[path, n:, n:] = self.level * EndErrors.of(ends.rx, aoa).angle_covariance
+            covariance[path, :n, :n] = self.level * EndErrors.of(ends.tx, aod, TELLING).angle_covariance
+            covariance[path, n:, n:] = self.level * EndErrors.of(ends.rx, aoa, TELLING).angle_covariance
         return covariance
 
     def added_to(self, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
@@ -110,7 +111,7 @@ class EndErrors:
 
     Attributes
     ----------
-    beam : (beam,) beams of the main lobe
+    beam : (beam,) beams of the main lobe, or of at least another share of the power of the best beam
     weight : (beam,) power of these beams over that of the best
     remainder : (beam, beam) from relative magnitudes to those that no shift of gain and direction explains
     covariance : (beam, beam) of relative magnitudes by errors of a level of one
@@ -124,12 +125,12 @@ class EndErrors:
     angle_covariance: FloatArray
 
     @classmethod
-    def of(cls, manifold: Manifold, angles: FloatArray) -> "EndErrors":
-        """The errors of a path in a direction (angle,)."""
+    def of(cls, manifold: Manifold, angles: FloatArray, least_power: float = MAIN_LOBE) -> "EndErrors":
+        """The errors of a path in a direction (angle,), in beams above a share of the power of the best one."""
         tangents = manifold.tangents(angles[None])[0]
         power = np.square(np.abs(tangents[0]))
         power = power / power.max()
-        beam = np.flatnonzero(power > MAIN_LOBE)
+        beam = np.flatnonzero(power > least_power)
         value, weight = tangents[0, beam], power[beam]
         covariance = manifold.element_covariance(angles, beam) / np.outer(value, value.conj())
         relative = covariance.real / 2  # the phase of a beam pair is unknown: only magnitudes count

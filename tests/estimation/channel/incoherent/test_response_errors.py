@@ -7,13 +7,15 @@ import pytest
 
 from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.incoherent.likelihood import LinkBeams
-from estimation.channel.incoherent.response_errors import EndErrors, ResponseErrors
+from estimation.channel.incoherent.response_errors import TELLING, EndErrors, ResponseErrors
 from estimation.channel.model.manifold import Manifold
+from sim.config import ArrayConfig
 from sim.signal.arrays.codebook import beam_response
 from tests.estimation.channel.plain_sweeps import ELEVATION, plain_link, plain_paths, plain_sweep
 
 LINK = plain_link()
 LEVEL = 1e-3
+FAR_APART = ArrayConfig(columns=8, beams_per_panel=9, sector_deg=140.0)  # a beam at 0 deg, the next at 15.6
 
 
 def erring_response(codebook, angles, rng: np.random.Generator):
@@ -23,14 +25,18 @@ def erring_response(codebook, angles, rng: np.random.Generator):
     return beam_response(replace(codebook, weights=codebook.weights * (1 + error)), *angles)[:, 0]
 
 
-@pytest.mark.parametrize("link", [LINK, plain_link(rx=ELEVATION)], ids=["horizontal", "elevations"])
-def test_directions_err_as_in_a_simulation(link) -> None:
+@pytest.mark.parametrize(
+    ("link", "toward"),
+    [(LINK, (12.0, 0.0)), (plain_link(rx=ELEVATION), (12.0, 6.0)), (plain_link(rx=FAR_APART), (0.0, 0.0))],
+    ids=["horizontal", "elevations", "pointing there"],
+)
+def test_directions_err_as_in_a_simulation(link, toward) -> None:
     """The weighted fit of gain and direction to magnitudes with errors, over many draws of the errors."""
     rng = np.random.default_rng(1)
     manifold = Manifold(link.rx_codebook)
-    toward = (12.0, 6.0 if manifold.n_angles == 2 else 0.0)
     angles = np.deg2rad(toward)[: manifold.n_angles]
-    errors = EndErrors.of(manifold, angles)
+    errors = EndErrors.of(manifold, angles, TELLING)
+    assert len(errors.beam) > 1
     true = manifold.tangents(angles[None])[0][:, errors.beam]
     slope = np.column_stack([np.ones(len(errors.beam)), (true[1:] / true[0]).real.T])
     root = np.abs(true[0])[:, None]
@@ -39,9 +45,9 @@ def test_directions_err_as_in_a_simulation(link) -> None:
         other = erring_response(link.rx_codebook, np.deg2rad(toward), rng)[errors.beam]
         magnitudes.append((other / true[0]).real - 1)
         found.append(np.linalg.lstsq(root * slope, root[:, 0] * magnitudes[-1])[0][1:])
-    np.testing.assert_allclose(np.cov(np.array(magnitudes).T), LEVEL * errors.covariance, atol=0.1 * LEVEL)
-    scale = LEVEL * np.squeeze(errors.angle_covariance)
-    np.testing.assert_allclose(np.cov(np.array(found).T), scale, atol=0.1 * np.max(scale))
+    for values, expected in ((magnitudes, errors.covariance), (found, np.squeeze(errors.angle_covariance))):
+        scale = LEVEL * expected
+        np.testing.assert_allclose(np.cov(np.array(values).T), scale, atol=0.1 * np.max(scale))
 
 
 def test_the_level_is_exceeded_as_often_as_not() -> None:
@@ -81,7 +87,7 @@ def test_directions_of_a_fit_are_as_uncertain_as_the_errors_make_them() -> None:
         plain_sweep(LINK, plain_paths(LINK, 100.0, -15.0, 12.0, 40.0), np.random.default_rng(5))
     )
     added = ResponseErrors(LEVEL).added_to(fit, tx, rx).covariance - fit.covariance
-    expected = [EndErrors.of(tx, fit.aod_rad[0]), EndErrors.of(rx, fit.aoa_rad[0])]
+    expected = [EndErrors.of(tx, fit.aod_rad[0], TELLING), EndErrors.of(rx, fit.aoa_rad[0], TELLING)]
     np.testing.assert_allclose(
         np.diagonal(added[0])[1:], [LEVEL * end.angle_covariance.item() for end in expected], rtol=1e-6
     )
