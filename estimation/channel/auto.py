@@ -100,7 +100,7 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     if tracked is not None:
         words = "coherent, pair phases tracked: " + _track_words(tracked.track)
         ends = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
-        fit = ResponseErrors(incoherent.element_error).added_to(tracked.fit, *ends)
+        fit = ResponseErrors(mean=incoherent.element_error).added_to(tracked.fit, *ends)
         return AutoFit(fit, "tracked", ramp, offset_hz, words)
     has_more = few.max_paths <= len(incoherent) < config.max_incoherent_paths
     incoherent = fit_incoherent(sweep, config if has_more else few, drift_odds=WANDERING)

@@ -54,7 +54,7 @@ class IncoherentFit(PathFit):
     pair_path: IntArray = array("tx_beam", "rx_beam", dtype=int, doc="strongest path in a pair, -1 none")
     log_likelihood_ratio: float = array(doc="ratio of the paths to noise alone")
     drift_s: float = array(unit="s", doc="growth of all delays from one beam pair to the next, removed")
-    element_error: float = array(doc="power of the error of an array element over its own")
+    element_error: float = array(doc="power of the error of an array element over its own, expected")
 
     @property
     def caveat(self) -> str:
@@ -155,7 +155,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         pair_path=np.where(snr > 0, power.argmax(axis=1), -1).reshape(shape),
         log_likelihood_ratio=at.value,
         drift_s=search.drift_s,
-        element_error=0.0 if search.background is None else search.background.errors.level,
+        element_error=0.0 if search.background is None else search.background.errors.mean,
     )
 
 

@@ -16,13 +16,18 @@ from estimation.channel.incoherent.clock_drift import dominant_pairs
 from estimation.channel.incoherent.likelihood import LinkBeams, paths_towards
 from estimation.channel.incoherent.spectrum import delay_waves
 from estimation.channel.model.manifold import Manifold
-from estimation.distributions import chi_square_quantile
+from estimation.distributions import chi_square_log_density, chi_square_quantile
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 MAIN_LOBE = 0.1  # of the power of the best beam: beams whose magnitudes show errors
 TELLING = 0.01  # the same of beams that tell a direction: those beside the one that points there have little power
 SIGNIFICANT_STD = 3.0  # by which magnitudes exceed the noise where they show errors
 LARGEST_LEVEL = 0.3  # power of the error of an element: a third of its own, 30 deg or 5 dB
+LEVELS = np.concatenate(
+    [[0.0], np.geomspace(1e-4, LARGEST_LEVEL, 36)]
+)  # all as likely before: the scale is unknown
+MISLED = 0.1  # share of the paths whose magnitudes a close path changes too, by up to
+MISLED_BY = 1e4  # the noise or the errors, on a logarithmic scale
 REGULAR = 1e-9  # relative information on an angle below which magnitudes do not show it
 
 
@@ -31,9 +36,15 @@ class ResponseErrors:
     """Power of the error of an element over its own: the level, equal at both ends.
 
     The few magnitudes of one main lobe show a level poorly; so both ends are taken as alike.
+
+    Attributes
+    ----------
+    level : exceeded as often as not, or 0 if noise may be all: for the floor, which hides paths
+    mean : over all levels, as likely as the magnitudes make them: for covariances
     """
 
     level: float = 0.0
+    mean: float = 0.0
 
     def noise(self, ends: LinkBeams, paths: FloatArray, n_bins: int) -> FloatArray:
         """Power (path,) over the noise of the floors of all other paths, as it affects paths (path, parameter)."""
@@ -50,8 +61,8 @@ class ResponseErrors:
         n, size = ends.tx.n_angles, ends.tx.n_angles + ends.rx.n_angles
         covariance = np.zeros((len(paths), size, size))
         for path, (aod, aoa) in enumerate(zip(paths[:, 1 : 1 + n], paths[:, 1 + n : -2], strict=True)):
-            covariance[path, :n, :n] = self.level * EndErrors.of(ends.tx, aod, TELLING).angle_covariance
-            covariance[path, n:, n:] = self.level * EndErrors.of(ends.rx, aoa, TELLING).angle_covariance
+            covariance[path, :n, :n] = self.mean * EndErrors.of(ends.tx, aod, TELLING).angle_covariance
+            covariance[path, n:, n:] = self.mean * EndErrors.of(ends.rx, aoa, TELLING).angle_covariance
         return covariance
 
     def added_to(self, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
@@ -103,6 +114,15 @@ class LevelEvidence:
         freedom = self.by_errors**2 / self.errors_squared
         median = float(chi_square_quantile(0.5, freedom))
         return max(0.0, self.found - self.by_noise) * freedom / median / self.by_errors
+
+    def log_likelihood(self) -> FloatArray:
+        """Of `LEVELS` (level,): a scaled chi-square of this mean and variance, or anything if a path misleads."""
+        mean = self.by_noise + LEVELS * self.by_errors
+        variance = 2 * np.square(np.sqrt(self.noise_squared) + LEVELS * np.sqrt(self.errors_squared))
+        freedom = 2 * np.square(mean) / variance
+        value = max(self.found, np.finfo(float).tiny)
+        shown = np.exp(chi_square_log_density(value * freedom / mean, freedom)) * freedom / mean
+        return np.asarray(np.log((1 - MISLED) * shown + MISLED / (value * np.log(MISLED_BY))))
 
 
 @dataclass(frozen=True)
@@ -163,7 +183,7 @@ def response_errors(
     n_bins: int,
     known: ResponseErrors,
 ) -> ResponseErrors:
-    """The level that fitted paths (path, parameter) show: the median over those that dominate their main lobes.
+    """The errors that fitted paths (path, parameter) show: those that dominate their main lobes tell.
 
     `residual` (pair, bin) is that of all paths, `phasor` (pair,) the phase of every pair. Where no path dominates,
     these are the errors `known` before.
@@ -172,7 +192,7 @@ def response_errors(
     amplitude = ends.amplitudes(paths)
     is_dominant = dominant_pairs(ends, paths, phasor, n_bins)
     wave, _ = delay_waves(bins, paths[:, 0], n_bins)
-    levels = []
+    evidence = []
     for path in np.flatnonzero(is_dominant.any(axis=0)):
         tx = EndErrors.of(ends.tx, paths[path, 1 : 1 + n])
         rx = EndErrors.of(ends.rx, paths[path, 1 + n : -2])
@@ -188,5 +208,14 @@ def response_errors(
             rx.evidence(power[:, 0] @ error / power[:, 0].sum(), by_noise / power.sum(axis=0))
         )
         if shown.by_errors > REGULAR:
-            levels.append(shown.level)
-    return ResponseErrors(min(LARGEST_LEVEL, float(np.median(levels)))) if levels else known
+            evidence.append(shown)
+    if not evidence:
+        return known
+    typical = float(np.median([one.level for one in evidence]))
+    return ResponseErrors(min(LARGEST_LEVEL, typical), expected_level(evidence))
+
+
+def expected_level(evidence: list[LevelEvidence]) -> float:
+    """Mean of the level over `LEVELS`, given what several paths show."""
+    log_likelihood = np.sum([one.log_likelihood() for one in evidence], axis=0)
+    return float(np.average(LEVELS, weights=np.exp(log_likelihood - log_likelihood.max())))

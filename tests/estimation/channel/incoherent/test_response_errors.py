@@ -7,7 +7,7 @@ import pytest
 
 from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.incoherent.likelihood import LinkBeams
-from estimation.channel.incoherent.response_errors import TELLING, EndErrors, ResponseErrors
+from estimation.channel.incoherent.response_errors import TELLING, EndErrors, ResponseErrors, expected_level
 from estimation.channel.model.manifold import Manifold
 from sim.config import ArrayConfig
 from sim.signal.arrays.codebook import beam_response
@@ -63,6 +63,24 @@ def test_the_level_is_exceeded_as_often_as_not() -> None:
     assert np.mean(np.array(levels) > LEVEL) == pytest.approx(0.5, abs=0.06)
 
 
+def test_the_expected_level_of_a_few_paths_is_right_in_the_mean() -> None:
+    """As a variance is that errors are divided by; and a path that another one misleads does not spoil it."""
+    rng = np.random.default_rng(4)
+    manifold = Manifold(LINK.rx_codebook)
+    angles = np.deg2rad([-25.0, -8.0, 12.0, 31.0])
+    errors = [EndErrors.of(manifold, angles[None, k]) for k in range(4)]
+    found = []
+    for _ in range(300):
+        shown = []
+        for angle, end in zip(angles, errors, strict=True):
+            true = manifold.response(angle[None, None])[0, end.beam]
+            other = erring_response(LINK.rx_codebook, (angle, 0.0), rng)[end.beam]
+            shown.append(end.evidence((other / true).real - 1, np.full(len(true), 1e-6)))
+        misled = replace(shown[0], found=3e4 * shown[0].found)
+        found.append((expected_level(shown), expected_level([*shown, misled])))
+    assert np.mean(LEVEL / np.array(found), axis=0) == pytest.approx(1, abs=0.35)
+
+
 def test_noise_alone_shows_no_level() -> None:
     rng = np.random.default_rng(3)
     errors = EndErrors.of(Manifold(LINK.rx_codebook), np.array([0.2]))
@@ -86,7 +104,7 @@ def test_directions_of_a_fit_are_as_uncertain_as_the_errors_make_them() -> None:
     fit = fit_over_background(
         plain_sweep(LINK, plain_paths(LINK, 100.0, -15.0, 12.0, 40.0), np.random.default_rng(5))
     )
-    added = ResponseErrors(LEVEL).added_to(fit, tx, rx).covariance - fit.covariance
+    added = ResponseErrors(mean=LEVEL).added_to(fit, tx, rx).covariance - fit.covariance
     expected = [EndErrors.of(tx, fit.aod_rad[0], TELLING), EndErrors.of(rx, fit.aoa_rad[0], TELLING)]
     np.testing.assert_allclose(
         np.diagonal(added[0])[1:], [LEVEL * end.angle_covariance.item() for end in expected], rtol=1e-6
