@@ -76,9 +76,10 @@ def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -
     times that scale: the errors of the model reach as far. The scale is at least the noise of the path's beam
     pairs.
     """
-    by_neighbours, probability = neighbour_covariance(reference, solution)
     shown = error_scale(*quadrature_statistic(reference, solution))
-    scale = np.maximum(shown, window.noise_at(solution.paths))
+    pair_noise = window.noise_at(solution.paths)
+    scale = np.maximum(shown, pair_noise)
+    by_neighbours, probability = neighbour_covariance(reference, solution, pair_noise)
     lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)

@@ -73,10 +73,13 @@ class KnownPaths:
         )
 
 
-def probes_about(path: PathParameters, rate: FloatArray, n_axes: int) -> PathParameters:
-    """Probes half a resolution cell from one path to either side, along one axis and up to `n_axes` axes at once.
+def probes_about(
+    path: PathParameters, rate: FloatArray, n_axes: int, offsets: tuple[float, ...] = (PROBE_OFFSET,)
+) -> PathParameters:
+    """Probes at each of some offsets from one path to either side, along one axis and up to `n_axes` at once.
 
     Axes that the beams do not observe are left out; `rate` (parameter,) is the path's of `manifold_rates`.
+    Offsets are in resolution cells.
     """
     seen = np.flatnonzero(rate > LEAST_SEEN * CELL)
     rows = [np.zeros((0, len(rate)))]
@@ -84,8 +87,8 @@ def probes_about(path: PathParameters, rate: FloatArray, n_axes: int) -> PathPar
         for axes in combinations(seen, count):
             signs = np.array(list(product((-1.0, 1.0), repeat=count)))
             row = np.zeros((len(signs), len(rate)))
-            row[:, axes] = signs * PROBE_OFFSET * CELL / rate[list(axes)]
-            rows.append(row)
+            row[:, axes] = signs * CELL / rate[list(axes)]
+            rows.extend(offset * row for offset in offsets)
     step = np.concatenate(rows)
     return path.take(np.zeros(len(step), int)).moved(step)
 

@@ -112,7 +112,7 @@ def test_covariances_hold_with_and_without_undetected_neighbours(has_neighbours:
         )
         reference, solution = _fitted(paths, np.arange(2 * GROUPS) < GROUPS, trial)
         by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers)
-        by_neighbours, probability = neighbour_covariance(reference, solution)
+        by_neighbours, probability = neighbour_covariance(reference, solution, np.ones(len(solution.paths)))
         scale = error_scale(*quadrature_statistic(reference, solution))
         assert ((probability >= 0) & (probability <= 1)).all()
         found = solution.paths
@@ -131,7 +131,7 @@ def test_covariances_hold_with_and_without_undetected_neighbours(has_neighbours:
         assert 0.3 < np.mean(nees) < 1.6
         assert np.mean(np.concatenate(nees) < 7.815 / 3) > 0.9
     else:
-        assert np.mean(nees) == pytest.approx(np.mean(plain), rel=0.1)
+        assert 0.85 < np.mean(nees) / np.mean(plain) <= 1  # neighbours much closer than a cell may be there
 
 
 def test_the_odds_of_a_neighbour_follow_the_evidence() -> None:
