@@ -23,9 +23,8 @@ MAIN_LOBE = 0.1  # of the power of the best beam: beams whose magnitudes show er
 TELLING = 0.01  # the same of beams that tell a direction: those beside the one that points there have little power
 SIGNIFICANT_STD = 3.0  # by which magnitudes exceed the noise where they show errors
 LARGEST_LEVEL = 0.3  # power of the error of an element: a third of its own, 30 deg or 5 dB
-LEVELS = np.concatenate(
-    [[0.0], np.geomspace(1e-4, LARGEST_LEVEL, 36)]
-)  # all as likely before: the scale is unknown
+LEVELS = np.concatenate([[0.0], np.geomspace(1e-4, LARGEST_LEVEL, 36)])
+BEFORE = np.append(0.5, np.full(36, 0.5 / 36))  # probability of each: no errors, or errors of an unknown scale
 MISLED = 0.1  # share of the paths whose magnitudes a close path changes too, by up to
 MISLED_BY = 1e4  # the noise or the errors, on a logarithmic scale
 REGULAR = 1e-9  # relative information on an angle below which magnitudes do not show it
@@ -218,4 +217,4 @@ def response_errors(
 def expected_level(evidence: list[LevelEvidence]) -> float:
     """Mean of the level over `LEVELS`, given what several paths show."""
     log_likelihood = np.sum([one.log_likelihood() for one in evidence], axis=0)
-    return float(np.average(LEVELS, weights=np.exp(log_likelihood - log_likelihood.max())))
+    return float(np.average(LEVELS, weights=BEFORE * np.exp(log_likelihood - log_likelihood.max())))

@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.channel import auto
 from estimation.channel.auto import fit_auto
+from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.phases.pairs import phases_against, phases_of
@@ -99,6 +101,39 @@ def test_without_a_ramp_the_fit_is_the_coherent_one() -> None:
     std = np.sqrt(np.einsum("paa->pa", coherent.covariance))[:, 0]
     assert (np.abs(chosen.fit.delay_s - coherent.delay_s) < 0.3 * std).all()
     assert fit_phase_ramp(phases_of(fit_incoherent(sweep))).n_pairs == chosen.ramp.n_pairs
+
+
+@pytest.mark.parametrize("true_ps", [0.0, 70.0])
+def test_coherent_paths_decide_about_a_drift_of_the_clock(monkeypatch, true_ps: float) -> None:
+    """Pairs one by one showed a drift of 60 ps over the sweep that is not there, or a little larger."""
+    strong = replace(PATHS, amplitude=100 * PATHS.amplitude)
+    sweep = plain_sweep(SMALL, strong, np.random.default_rng(6))
+    late_s = 1e-12 * true_ps * np.arange(100).reshape(10, 10) / 100
+    turn = np.exp(-2j * np.pi * late_s[:, :, None] * sweep.frequency_offset_hz)
+    sweep = replace(sweep, samples=sweep.samples * turn)
+    found = replace(fit_incoherent(sweep), drift_s=0.6e-12)
+    monkeypatch.setattr(auto, "fit_incoherent", lambda *_, **__: found)
+    chosen = fit_auto(sweep)
+    assert chosen.mode == "coherent"
+    error = (chosen.fit.delay_s - PATHS.delay_s) / np.sqrt(chosen.fit.covariance[:, 0, 0])
+    assert (np.abs(error) < 3).all()
+    assert chosen.fit.covariance[:, 0, 0].max() < (12e-12) ** 2
+
+
+def test_a_few_coherent_paths_come_before_tracked_phases(monkeypatch) -> None:
+    """An incoherent fit may show other phases than coherent paths do; these hold, so there is nothing to track."""
+    sweep = plain_sweep(SMALL, PATHS, np.random.default_rng(7))
+    wandering = np.cumsum(np.random.default_rng(8).standard_normal(100)).reshape(10, 10)
+    real = auto.phases_of
+
+    def other_phases(fit, **settings):
+        pairs = real(fit, **settings)
+        return replace(pairs, phase_rad=pairs.phase_rad + wandering)
+
+    monkeypatch.setattr(auto, "phases_of", other_phases)
+    chosen = fit_auto(sweep)
+    assert chosen.mode == "coherent"
+    np.testing.assert_allclose(chosen.fit.delay_s, fit_over_background(sweep).delay_s, atol=1e-13)
 
 
 def test_all_paths_of_a_coherent_fit_show_a_ramp_and_random_phases() -> None:
