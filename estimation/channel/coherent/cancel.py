@@ -15,6 +15,8 @@ from scenes.record import BoolArray, FloatArray
 
 CANCELLED = 100.0  # power of a path over that of it and its neighbours together; true paths stay below
 NEAR = 0.5  # squared coherence of neighbours, half a resolution cell apart
+CLOSE_CANCELLED = 4.0  # as `CANCELLED`, of paths that are close too: one true pair in a thousand is
+CLOSE = 0.97  # squared coherence of close paths, 0.1 cell apart
 SAME = 0.997  # of paths in one place, 0.03 cell apart
 APART_CELLS = (0.5, 1.0)  # resolution cells between two cancelling paths after they are separated
 
@@ -45,7 +47,7 @@ def cancelling_coherence(solution: Solution) -> FloatArray:
     """Squared coherence (path, path) of pairs that do not exist in scenes, 0 for all others.
 
     These are pairs that coincide, and neighbours whose first path is cancelled: it has far more power than its
-    matched filter shows for it and all its neighbours together.
+    matched filter shows for it and all its neighbours together. The closer they are, the less is far.
     """
     information, amplitude = solution.information, solution.paths.amplitude
     inner = information[:, 0, :, 0] - 1j * information[:, 0, :, 1]  # products of the responses
@@ -53,9 +55,10 @@ def cancelling_coherence(solution: Solution) -> FloatArray:
     coherence = np.square(np.abs(inner)) / (energy[:, None] * energy)
     is_near = coherence >= NEAR
     together = np.square(np.abs(np.where(is_near, inner, 0.0) @ amplitude)) / energy
-    is_cancelled = np.square(np.abs(amplitude)) * energy >= CANCELLED * together
+    least = np.where(coherence >= CLOSE, CLOSE_CANCELLED, CANCELLED)
+    is_cancelled = (np.square(np.abs(amplitude)) * energy)[:, None] >= least * together[:, None]
     np.fill_diagonal(coherence, 0.0)
-    return np.where((coherence >= SAME) | (is_near & is_cancelled[:, None]), coherence, 0.0)
+    return np.where((coherence >= SAME) | (is_near & is_cancelled), coherence, 0.0)
 
 
 def _worst_pair(solution: Solution) -> BoolArray:

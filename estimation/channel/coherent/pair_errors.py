@@ -91,4 +91,4 @@ def _tangents(manifold: Manifold, angles_rad: FloatArray) -> ComplexArray:
 
 def _pairs(tx: ComplexArray, rx: ComplexArray) -> ComplexArray:
     """Products (path, pair) of factors of both ends."""
-    return np.asarray((tx[:, :, None] * rx[:, None]).reshape(len(tx), -1))
+    return np.asarray((tx[:, :, None] * rx[:, None]).reshape(len(tx), tx.shape[1] * rx.shape[1]))

@@ -98,7 +98,9 @@ class TangentFactors:
     def incoherent(self) -> FloatArray:
         """4 A Re(alpha) Re(alpha)' + 2 B Re(d'^H d') summed over beam pairs."""
         pairs = self.tx[:, :, None] * self.rx[:, None, :]
-        weight = self.coefficient[:, None] * pairs.reshape(len(pairs), -1)  # (parameter, pair)
+        weight = self.coefficient[:, None] * pairs.reshape(
+            len(pairs), self.tx.shape[1] * self.rx.shape[1]
+        )  # (parameter, pair)
         gram = self.wave_gram
         # mu is the sum of the derivatives by log |xi|, so mu^H d is a sum over these rows.
         along = weight * (gram[self.magnitude].T @ weight[self.magnitude].conj())

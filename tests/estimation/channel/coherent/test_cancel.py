@@ -1,5 +1,7 @@
 """Cancelling pairs are separated or merged, and true close pairs stay."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimation.channel.coherent.cancel import cancelling_coherence, without_cancelling_paths
@@ -47,6 +49,22 @@ def test_cancelling_paths_at_one_path_become_one_significant_path() -> None:
     found = prune_paths(reference, found, lambda paths: np.full(len(paths), 24.0), 30)
     assert len(found.paths) == 1
     assert np.isclose(found.paths.delay_bins[0], truth.delay_bins[0], atol=0.05)
+
+
+def test_close_paths_need_not_cancel_by_as_much() -> None:
+    """Six hundredths of a cell apart, in place of a path and a weaker one beside it: 5 dB above their sum."""
+    delay_ns = 200.0 + CELL_NS * np.array([0.0, 0.4])
+    paths = plain_paths(SMALL, delay_ns, [5.0, 5.0], [-9.0, -9.0], np.array([35.0, 29.0]))
+    sweep = compressed(plain_sweep(SMALL, paths, np.random.default_rng(2)))
+    truth = PathParameters(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
+    reference = Reference(sweep, truth.take(slice(0)))
+    pair = solve_at(reference, replace(truth, delay_bins=truth.delay_bins[0] + np.array([-0.03, 0.03])))
+    power = np.square(np.abs(pair.paths.amplitude))
+    together = np.abs(pair.paths.amplitude.sum()) ** 2
+    assert 4 < power.max() / together < 20
+    found = without_cancelling_paths(reference, pair, 30)
+    assert found.explained > pair.explained
+    assert np.allclose(np.sort(found.paths.delay_bins), truth.delay_bins, atol=0.1)
 
 
 def test_true_pairs_are_kept_at_any_phases() -> None:

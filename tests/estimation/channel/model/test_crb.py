@@ -157,6 +157,17 @@ def test_incoherent_information_is_the_curvature_of_the_expected_log_likelihood(
     assert_allclose(np.cov(np.array(scores).T), ours, atol=0.25)
 
 
+@pytest.mark.parametrize("coherent", [True, False])
+def test_a_place_without_paths_has_no_information(coherent):
+    tx, rx = (Manifold(book) for book in CASES["flat"][:2])
+    none = np.zeros(0)
+    noise = np.ones(rx.n_beams)
+    found = path_information(
+        tx, rx, FREQUENCY_HZ, noise, none, np.zeros((0, 1)), np.zeros((0, 1)), none + 0j, coherent=coherent
+    )
+    assert found.shape[0] == found.shape[2] == 0
+
+
 def test_strong_pairs_lose_only_their_phase_and_weak_pairs_all():
     snr = np.array([1e-9, 1e-4, 1e7])
     a, b = pair_information(snr)
