@@ -112,7 +112,7 @@ def smooth_walk(
     if not (seen.floor.any() and config.use_landmarks):
         return walks[0]
     evidence, best = [walks[0].evidence], 0
-    for share in steps(WALK_SHARES, "noise level"):
+    for share in steps(WALK_SHARES, "trial of the path noise"):
         walks.append(_quieter(walks[-1], wide.lower(share), wide))
         evidence.append(walks[-1].evidence)
         best = int(np.argmax(evidence))
