@@ -12,8 +12,7 @@ are then estimated in turn. Where they do not, the incoherent fit of all paths i
 Where many paths share beam pairs and delays, a few of them do not explain the phases. Then all paths of a coherent
 fit are the reference, and the phases of the pairs against their sum decide. What even this fit leaves out turns
 phases and scales magnitudes alike; unknown phases leave the magnitudes as they are. A few coherent paths tell
-whether such a fit is worth its time: where phases are doubtful, where all paths of the incoherent fit have
-ambiguous directions, and where no track of the phases is found.
+whether such a fit is worth its time: before phases are tracked, and where no track of them is found.
 
 A sweep with a clock is fitted coherently with Doppler shifts first: a frequency offset is one common to all paths.
 If the phases do not follow that fit, the world is taken as frozen.
