@@ -60,15 +60,11 @@ class AutoFit:
 def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) -> AutoFit:
     """Paths of one stop by the likelihood that its phases allow; errors are those of `fit_incoherent`."""
     config = config or MaximumLikelihoodConfig()
-    few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
+    few = _few_paths(config)
     if sweep.clock is not None:
         ramp = fit_phase_ramp(phases_against(sweep, fit_over_background(sweep, few)))
-        moving = (
-            _coherent(sweep, 0.0, NO_RAMP, few, config, is_sure=False)
-            if ramp.residual_rad <= DOUBTFUL_RAD
-            else None
-        )
-        if moving is not None:
+        is_open = ramp.residual_rad <= DOUBTFUL_RAD
+        if is_open and (moving := _coherent(sweep, 0.0, NO_RAMP, config, is_sure=False)) is not None:
             return moving
         sweep = replace(sweep, clock=None)
     incoherent = fit_incoherent(sweep, few)
@@ -78,19 +74,19 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
     is_doubtful = start.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs
     if ramp.is_coherent:
-        coherent = _coherent(sweep, drift_s, ramp, few, config, is_sure=True)
+        coherent = _coherent(sweep, drift_s, ramp, config, is_sure=True)
     elif is_doubtful:
         limit_rad = np.inf if start.residual_rad <= DOUBTFUL_RAD else DOUBTFUL_RAD
-        coherent = _coherent_by_few(sweep, drift_s, start, few, config, limit_rad)
+        coherent = _coherent_by_few(sweep, drift_s, start, config, limit_rad)
     else:
-        coherent = _coherent_by_few(sweep, drift_s, NO_RAMP, few, config, LARGEST_RESIDUAL_RAD)
+        coherent = _coherent_by_few(sweep, drift_s, NO_RAMP, config, LARGEST_RESIDUAL_RAD)
     tracked = _tracked_from(steady, incoherent, config) if coherent is None else None
     if coherent is None and tracked is None and not is_doubtful:
-        coherent = _coherent_by_few(sweep, drift_s, start, few, config, DOUBTFUL_RAD)
+        coherent = _coherent_by_few(sweep, drift_s, start, config, DOUBTFUL_RAD)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
         if joint.is_coherent:
-            coherent = _coherent(sweep, drift_s + tracked.drift.per_pair, joint, few, config, is_sure=False)
+            coherent = _coherent(sweep, drift_s + tracked.drift.per_pair, joint, config, is_sure=False)
         if coherent is None:
             tracked = _tracked(steady, tracked.pairs, config, (config.max_paths,), tracked.drift)
     if coherent is not None:
@@ -107,29 +103,23 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
 
 
+def _few_paths(config: MaximumLikelihoodConfig) -> MaximumLikelihoodConfig:
+    """The settings of a fit of the strongest paths alone."""
+    return config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
+
+
 def _coherent_by_few(
-    sweep: BeamSweep,
-    drift_s: float,
-    ramp: PhaseRamp,
-    few: MaximumLikelihoodConfig,
-    config: MaximumLikelihoodConfig,
-    limit_rad: float,
+    sweep: BeamSweep, drift_s: float, ramp: PhaseRamp, config: MaximumLikelihoodConfig, limit_rad: float
 ) -> AutoFit | None:
     """The coherent fit if a few coherent paths, without a ramp or without this one, show at most this residual."""
-    joint = _joint_ramp(without_drift(sweep, drift_s), ramp, few)
+    joint = _joint_ramp(without_drift(sweep, drift_s), ramp, _few_paths(config))
     if not joint.residual_rad <= limit_rad:
         return None
-    return _coherent(sweep, drift_s, joint, few, config, is_sure=False)
+    return _coherent(sweep, drift_s, joint, config, is_sure=False)
 
 
 def _coherent(
-    sweep: BeamSweep,
-    drift_s: float,
-    ramp: PhaseRamp,
-    few: MaximumLikelihoodConfig,
-    config: MaximumLikelihoodConfig,
-    *,
-    is_sure: bool,
+    sweep: BeamSweep, drift_s: float, ramp: PhaseRamp, config: MaximumLikelihoodConfig, *, is_sure: bool
 ) -> AutoFit | None:
     """The coherent fit without the ramp; None if it has no paths, or if its phases do not hold and must.
 
@@ -139,7 +129,7 @@ def _coherent(
     drift = ClockDrift()
     if drift_s:
         back = without_phase_ramp(without_drift(sweep, drift_s), ramp.tx_step_rad, ramp.rx_step_rad)
-        drift = drift_against(back, fit_over_background(back, few), ClockDrift(drift_s), DRIFTING)
+        drift = drift_against(back, fit_over_background(back, _few_paths(config)), ClockDrift(drift_s), DRIFTING)
     steady = without_drift(sweep, drift.per_pair)
     fit = fit_over_background(without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad), config)
     if not is_sure:

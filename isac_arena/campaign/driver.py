@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.channel.calibration.record import Calibration, calibration_rows
+from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.record import ChannelEstimate, ChannelEstimator, EstimateStatus, empty_estimate
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
@@ -131,8 +132,12 @@ class CampaignRun:
     @property
     def calibrates(self) -> bool:
         """Whether the arrays of a link are calibrated from its own stops."""
-        settings = (link.config for link in self.links)
-        return any(one.channel.self_calibration and one.functions.of("channel") is None for one in settings)
+        return any(link._calibration is not None for link in self.links)
+
+    @property
+    def _calibration(self) -> SelfCalibrationConfig | None:
+        """The settings of self-calibration; None where it is off, and where a user's estimator gets none."""
+        return None if self.config.functions.of("channel") else self.config.channel.self_calibration
 
     def calibrate(self) -> Calibration | None:
         """The self-calibration of both arrays, kept or made from some stops; None where it is off.
@@ -142,8 +147,7 @@ class CampaignRun:
         if self.links[0] is not self:
             first, *_ = [link.calibrate() for link in self.links]
             return first
-        settings = self.config.channel.self_calibration
-        if settings is None or self.config.functions.of("channel") is not None:
+        if (settings := self._calibration) is None:
             return None
         calibration = self.results.calibration()
         if calibration is None:

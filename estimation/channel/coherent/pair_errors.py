@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel.model.compress import CompressedSweep
+from estimation.channel.model.factors import pair_products
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters
 from scenes.record import ComplexArray, FloatArray
@@ -62,7 +63,7 @@ class LitPairs:
         tx, rx = self._tangents(paths)
         wave = sweep.delay_response(paths.delay_bins)
         gram = np.einsum("iab,jb->iaj", wave, wave[:, 0])
-        response = _pairs(tx[:, 0], rx[:, 0])
+        response = pair_products(tx[:, 0], rx[:, 0])
         amplitude = paths.amplitude[:, None] * response
         against = np.einsum("iaj,jp->iap", gram, amplitude)  # of each wave and its slope with the signal of a pair
         energy = np.einsum("ip,ip->p", amplitude.conj(), against[:, 0]).real
@@ -70,7 +71,8 @@ class LitPairs:
         columns = [matched.imag, -matched.real, (amplitude.conj() * against[:, 1]).imag]
         for end, other, is_tx in ((tx, rx, True), (rx, tx, False)):
             for slope in range(1, end.shape[1]):
-                pair = _pairs(end[:, slope], other[:, 0]) if is_tx else _pairs(other[:, 0], end[:, slope])
+                ends = end[:, slope], other[:, 0]
+                pair = pair_products(*(ends if is_tx else ends[::-1]))
                 columns.append(((paths.amplitude[:, None] * pair).conj() * against[:, 0]).imag)
         share = 2 / (2 * energy + 1 / self.errors.phase_variance.ravel())
         rows = np.stack(columns, axis=1).reshape(n * len(columns), -1)
@@ -87,8 +89,3 @@ def _tangents(manifold: Manifold, angles_rad: FloatArray) -> ComplexArray:
     if angles_rad.shape[1] > manifold.n_angles:
         manifold = manifold.with_hidden_elevation()
     return manifold.tangents(angles_rad)
-
-
-def _pairs(tx: ComplexArray, rx: ComplexArray) -> ComplexArray:
-    """Products (path, pair) of factors of both ends."""
-    return np.asarray((tx[:, :, None] * rx[:, None]).reshape(len(tx), tx.shape[1] * rx.shape[1]))

@@ -21,6 +21,7 @@ from numpy.polynomial.chebyshev import chebpts1
 
 from estimation.channel.incoherent.kernels import fill_lower_blocks, likelihoods_without, pair_scores
 from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_waves
+from estimation.channel.model.factors import pair_products
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.phase_information import pair_information
 from estimation.inference.least_squares import Attempt, Schedule, minimise
@@ -70,8 +71,7 @@ class LinkBeams:
 
     def amplitudes(self, paths: FloatArray) -> ComplexArray:
         """Amplitude (pair, path) of every path in every pair over the noise, for the wave of one delay bin."""
-        tx, rx = self._beams(paths)
-        return np.asarray((tx[:, :, None] * rx[:, None, :]).reshape(len(paths), tx.shape[1] * rx.shape[1]).T)
+        return pair_products(*self._beams(paths)).T
 
     def energies(self, paths: FloatArray) -> FloatArray:
         """Energy (path,) of every path over all beam pairs and the noise, for the wave of one delay bin."""

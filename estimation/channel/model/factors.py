@@ -16,6 +16,11 @@ from scenes.record import BoolArray, ComplexArray, FloatArray
 from sim.observation import BeamClock
 
 
+def pair_products(tx: ComplexArray, rx: ComplexArray) -> ComplexArray:
+    """Products (path, pair) of factors (path, beam) of both ends, all RX beams of a TX beam in turn."""
+    return np.asarray((tx[:, :, None] * rx[:, None]).reshape(len(tx), tx.shape[1] * rx.shape[1]))
+
+
 @dataclass(frozen=True)
 class MovingPaths:
     """Doppler shifts (path,) in Hz in a sweep with these times, and which paths are known to be frozen."""
@@ -97,10 +102,7 @@ class TangentFactors:
 
     def incoherent(self) -> FloatArray:
         """4 A Re(alpha) Re(alpha)' + 2 B Re(d'^H d') summed over beam pairs."""
-        pairs = self.tx[:, :, None] * self.rx[:, None, :]
-        weight = self.coefficient[:, None] * pairs.reshape(
-            len(pairs), self.tx.shape[1] * self.rx.shape[1]
-        )  # (parameter, pair)
+        weight = self.coefficient[:, None] * pair_products(self.tx, self.rx)  # (parameter, pair)
         gram = self.wave_gram
         # mu is the sum of the derivatives by log |xi|, so mu^H d is a sum over these rows.
         along = weight * (gram[self.magnitude].T @ weight[self.magnitude].conj())

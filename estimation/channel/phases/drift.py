@@ -14,6 +14,7 @@ from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, mean_pairs, posterior, prior_variance
 from estimation.channel.incoherent.likelihood import LinkBeams, paths_towards
+from estimation.channel.model.factors import pair_products
 from estimation.channel.phases.pairs import SweepModel
 from scenes.record import ComplexArray, FloatArray
 from sim.observation import BeamSweep
@@ -63,8 +64,7 @@ def _pair_products(
     gain: ComplexArray, tx: ComplexArray, rx: ComplexArray, noise_mw: FloatArray, place: FloatArray, power: int
 ) -> ComplexArray:
     """Sums (path, path) over pairs of the products of two paths' amplitudes, times a power of the place."""
-    at = (gain[:, None] * tx)[:, :, None] * (rx / np.sqrt(noise_mw))[:, None]
-    flat = at.reshape(len(gain), -1)
+    flat = pair_products(gain[:, None] * tx, rx / np.sqrt(noise_mw))
     return np.asarray(flat.conj() * place.ravel() ** power @ flat.T)
 
 
