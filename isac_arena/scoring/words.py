@@ -11,8 +11,10 @@ WORDS = {
     "other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
     "doubtful": "position, heading or clock over 5 times its bound, in all or at half of the stops, a position "
-    "behind the published method, errors over 3 times the stated ones, 95 % regions that hold less than 88 % of "
-    "the truth, stated errors over 1.4 times the true ones, or false contours",
+    "behind the published method, paths over 5 times their bounds in the median or 50 times in RMS, powers with "
+    "an RMSE over 3 dB, errors over 3 times the stated ones, 95 % regions that hold less than 88 % of the truth, "
+    "stated errors over 1.4 times the true ones, lines of sight told right at 75 % of the stops or less, or false "
+    "contours",
     "in plan": "by x and y alone, without the height",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "dynamic range": "how far below the strongest path the estimator looks for paths",
@@ -38,7 +40,8 @@ WORDS = {
     "purity": "share of the points that come from the most frequent object",
     "mixed": "of several objects: none has half of its points",
     "found": "its contour has 3 points of its own and lies within 0.5 m of half of the true incidence points",
-    "single bounce": "a path that one surface reflected once; significant ones of all stops are counted",
+    "single bounce": "a path of one reflection or one diffraction, at an edge or around what is round; a wall that it "
+    "passes through is no bounce; significant ones of all stops are counted",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",
     "ramp": "phases that grow evenly from beam to beam, as a frequency offset makes them",

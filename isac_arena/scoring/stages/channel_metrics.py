@@ -5,7 +5,7 @@ import numpy as np
 from isac_arena.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause
 from isac_arena.scoring.metrics.consistency import consistency_metrics
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms
+from isac_arena.scoring.metrics.statistics import finite_entries, maximum, mean, quantile, ratio, rms
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
 from scenes.record import BoolArray, IntArray
 
@@ -50,6 +50,7 @@ def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantP
         Metric("channel.estimated_per_stop", ratio(len(paths.stop), n), "1", "info"),
         Metric("channel.significant_per_stop", ratio(len(expected), n), "1", "info"),
         Metric("channel.inseparable_per_stop", ratio((~expected).sum(), n), "1", "info"),
+        Metric("channel.detected", significant.is_detected.sum(), "1", "info"),
         Metric("channel.detected_per_stop", ratio(significant.is_detected.sum(), n), "1", "higher"),
         Metric("channel.missed_per_stop", ratio((~detected).sum(), n), "1", "lower"),
         Metric("channel.unresolved_per_stop", ratio(unresolved.sum(), n), "1", "info"),
@@ -79,6 +80,10 @@ def _error_metrics(paths: PathScores) -> list[Metric]:
         suffix = unit.lower()
         metrics.append(Metric(f"channel.{name}.rmse_{suffix}", rms(error), unit, "lower"))
         metrics.append(Metric(f"channel.{name}.bias_{suffix}", mean(error), unit, "info"))
+    power_db = np.abs(finite_entries(paths.power_error_db))
+    metrics.append(Metric("channel.power.median_db", quantile(power_db, 0.5), "dB", "lower"))
+    metrics.append(Metric("channel.power.max_db", maximum(power_db), "dB", "lower"))
+    metrics.append(Metric("channel.power.off_10db", (power_db >= 10.0).sum(), "1", "lower"))
     return metrics
 
 

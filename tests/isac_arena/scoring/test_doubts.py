@@ -80,14 +80,14 @@ def test_covariances_of_paths_that_are_too_small_are_said() -> None:
 def test_covariances_that_are_too_large_are_said_where_the_stops_are_enough() -> None:
     assert not sentence(mapping__ip_position__nees=0.8, mapping__ip_position__coverage95=0.97)
     told = sentence(slam__ip_position__nees=0.18, slam__ip_position__coverage95=1.0)
-    assert "stated errors are too large: points of SLAM (NEES 0.18, 100 % inside" in told and "12 stops" in told
+    assert "stated errors are too large: points of SLAM (NEES 0.18, 100 % inside" in told
     assert "states of SLAM" in sentence(slam__nees=0.2, slam__coverage95=1.0)
     few = sentence(slam__ip_position__nees=0.18, slam__ip_position__coverage95=1.0, slam__stops=2.0)
     assert "too large" not in few  # two stops of two coordinates: chance gives a NEES of .18 there
     assert not sentence(slam__ip_position__nees=0.18, slam__solved_share=np.nan)
 
 
-@pytest.mark.parametrize(("variance", "share"), [(1.0, (0.0, 0.01)), (2.0, (0.0, 0.06)), (8.0, (0.95, 1.0))])
+@pytest.mark.parametrize(("variance", "share"), [(1.0, (0.0, 0.01)), (1.6, (0.0, 0.2)), (4.0, (0.95, 1.0))])
 def test_right_covariances_are_called_too_large_by_chance_alone(
     variance: float, share: tuple[float, float]
 ) -> None:
@@ -95,6 +95,29 @@ def test_right_covariances_are_called_too_large_by_chance_alone(
     nees = (rng.standard_normal((400, 12, 4)) ** 2 / variance).mean(axis=(1, 2))
     called = np.mean(["too large" in sentence(slam__nees=float(one), slam__coverage95=1.0) for one in nees])
     assert share[0] <= called <= share[1]
+
+
+def test_paths_count_one_by_one_and_need_no_slam_where_their_errors_are_too_large() -> None:
+    mine = {"channel__nees": 0.38, "channel__coverage95": 1.0}
+    assert "too large: paths (NEES 0.38" in sentence(**mine, channel__detected=14.0, slam__stops=np.nan)
+    assert not sentence(**mine, channel__detected=2.0)
+    assert not sentence(**mine | {"channel__nees": 0.6}, channel__detected=100.0)
+
+
+def test_paths_far_over_their_bounds_are_said_by_median_and_rms() -> None:
+    box_room = {"channel__aoa__over_bound__median": 4.5, "channel__aoa__over_bound__rms": 21.0}
+    assert not sentence(**box_room)
+    told = sentence(**box_room | {"channel__aoa__over_bound__rms": 226.0})
+    assert "times their bounds: AoA 4.5 times in the median, 226 times in RMS." in told
+    assert "delay 5.1 times in the median" in sentence(channel__delay__over_bound__median=5.1)
+
+
+def test_powers_that_are_far_off_are_said_with_how_many() -> None:
+    scores = {"power__median_db": 0.1, "power__max_db": 32.0, "power__off_10db": 6.0, "detected": 114.0}
+    channel = {f"channel__{key}": value for key, value in scores.items()}
+    assert not sentence(**channel, channel__power__rmse_db=2.9)
+    told = sentence(**channel, channel__power__rmse_db=7.3)
+    assert "powers: 6 of 114 detected paths err by 10 dB or more, up to 32 dB (RMSE 7.3 dB, median 0.1 dB)" in told
 
 
 def test_contours_of_no_object_are_said() -> None:
@@ -138,4 +161,5 @@ def test_few_stops_are_told_before_a_run() -> None:
 
 def test_wrong_decisions_on_the_line_of_sight_are_said() -> None:
     assert not sentence(channel__los__decision_accuracy=0.9)
+    assert "told right at 75 %" in sentence(channel__los__decision_accuracy=0.75)
     assert "told right at 11 % of the stops" in sentence(channel__los__decision_accuracy=0.11)
