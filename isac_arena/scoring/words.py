@@ -40,8 +40,8 @@ WORDS = {
     "purity": "share of the points that come from the most frequent object",
     "mixed": "of several objects: none has half of its points",
     "found": "its contour has 3 points of its own and lies within 0.5 m of half of the true incidence points",
-    "single bounce": "a path of one reflection or one diffraction, at an edge or around what is round; a wall that it "
-    "passes through is no bounce; significant ones of all stops are counted",
+    "single bounce": "a path of one reflection or one diffraction, at an edge or around what is round; a wall "
+    "that it passes through is no bounce; significant ones of all stops are counted",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",
     "ramp": "phases that grow evenly from beam to beam, as a frequency offset makes them",

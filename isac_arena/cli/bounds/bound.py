@@ -148,7 +148,7 @@ def _contours(loaded: "LoadedCampaign", out: Path) -> Results:
     from isac_arena.report.figures.several_tx import several_tx_figure  # noqa: PLC0415
 
     runs = list(links_of_walk(loaded).values())
-    links, stops = [LinkBounds(run, single=True) for run in runs], list(runs[0].chosen_stops)
+    links, stops = [LinkBounds(run) for run in runs], list(runs[0].chosen_stops)
     if any(list(run.chosen_stops) != stops for run in runs):
         raise ValueError("links: with --contours all walks of the links must have the same stops")
     with progress_bar(console, transient=True) as progress:

@@ -83,6 +83,7 @@ def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
         "median bound", "LOS", "LOS, by power", "1 bounce", "1 bounce, by power", "unit",
         caption="Cramér-Rao bounds over the stops of the walk, of all paths of a stop together: a strong path "
         "within a cell of another can have a larger bound than a weak one that stands alone. "
+        "SNR: of a path in its best beam pair, over the noise there, after summing its subcarriers. "
         "By power: from the powers of the beam pairs without their phases, which a frequency offset (CFO) or "
         "phase noise changes from pair to pair",
         caption_justify="left",

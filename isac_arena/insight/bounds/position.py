@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import shapely
 from rich.table import Table
 
 from estimation.laws.wall import wall_line
@@ -21,6 +22,7 @@ from sim.propagation.paths import BounceKind, Paths
 from sim.propagation.specular.solver import ExactSolver
 
 MOST_CELLS = 400  # of the whole plan by default: some minutes where a place takes half a second
+GAP_M = 0.02  # between walls: no wider one counts as open
 MIN_TX_DISTANCE_M = 0.1  # no receiver stands closer to the TX
 SMOOTHNESS_M = 0.1  # second difference of the walk, per coordinate and stop^2
 SAME_LINE_DECIMALS = 6
@@ -94,7 +96,8 @@ class PlanGrid:
 def plan_grid(prepared: BoundInputs, step_m: float | None = None, n_links: int = 1) -> PlanGrid:
     """A grid over the whole plan, at the height of the walk, by default of at most `MOST_CELLS` square cells.
 
-    With several TX or links they share this number.
+    With several TX or links they share this number. Free places are not inside objects, and outside of the walls
+    only where a path comes.
     """
     scene = prepared.scene
     low, high = np.array(scene.bounds_m[:2]), np.array(scene.bounds_m[2:])
@@ -104,7 +107,22 @@ def plan_grid(prepared: BoundInputs, step_m: float | None = None, n_links: int =
     places = np.stack([*np.meshgrid(x, y), height], axis=-1)
     to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
     is_free = scene.is_free(places) & (to_tx >= MIN_TX_DISTANCE_M)
+    outside = is_free & ~within_walls(scene, places)
+    is_free[outside] = [
+        len(paths) > 0 for paths in prepared.solver.paths(places[outside])
+    ]  # through a wall, or over
     return PlanGrid(x, y, is_free, places[is_free], prepared.solver)
+
+
+def within_walls(scene: Scene, places_m: FloatArray) -> BoolArray:
+    """Whether walls do not part places (..., xyz), in plan, from every TX and from the walks."""
+    walls = [item.contour.body().buffer(GAP_M / 2) for item in scene.fixtures if item.kind == "wall"]
+    rooms = shapely.box(*scene.bounds_m).buffer(GAP_M).difference(shapely.union_all(walls))
+    txs, walks = (scene.tx, *scene.other_txs.values()), (scene.walk, *scene.other_walks.values())
+    known = np.vstack([*(tx.position_m for tx in txs), *(walk.positions_m() for walk in walks)])
+    held = [room for room in shapely.get_parts(rooms) if shapely.intersects_xy(room, *known[:, :2].T).any()]
+    within = [shapely.intersects_xy(room, places_m[..., 0], places_m[..., 1]) for room in held]
+    return np.any(within, axis=0) if within else np.ones(places_m.shape[:-1], bool)
 
 
 def _default_step_m(size_m: FloatArray, most: int) -> float:

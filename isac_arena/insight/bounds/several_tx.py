@@ -2,7 +2,7 @@
 
 Poses are those of stops alone, with unknown incidence points and clocks. Contours are those of mapping: poses have
 the errors of the survey, and shapes the priors of the contour stage (`estimation.shape.reflection.bounds`). Paths
-are the line of sight and single bounces, with their joint bounds.
+are the line of sight and single bounces, with their bounds for joint estimation of all paths that the links have.
 """
 
 from collections.abc import Iterable, Sequence

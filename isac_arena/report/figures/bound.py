@@ -14,7 +14,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene
 
-INSIDE = "white: inside an object or a mesh"
+INSIDE = "white: inside an object or a mesh, or outside the walls"
 FROM_SIGNAL = "from the signal, the arrays and all paths of a stop together"
 COLOR_MAP = "viridis_r"
 UNBOUNDED_COLOR = "#f2d7d5"
@@ -27,8 +27,8 @@ SHOWN_PERCENTILES = (1.0, 98.0)  # of the finite bounds: a few places behind the
 class BoundMap:
     """Position error bound (PEB) on a regular grid.
 
-    The PEB is NaN inside objects and infinite where the paths do not determine the position. `has_los` is where
-    nothing stands between a TX and the place, also where its beams do not point.
+    The PEB is NaN inside objects and outside the walls, and infinite where the paths do not determine the
+    position. `has_los` is where nothing stands between a TX and the place, also where its beams do not point.
     """
 
     x_m: FloatArray  # (x,)
@@ -39,7 +39,7 @@ class BoundMap:
 
 @dataclass(frozen=True)
 class ChannelBoundMap:
-    """Bounds of the strongest path on a regular grid: NaN inside objects, infinite where there is no path.
+    """Bounds of the strongest path on a regular grid: NaN as in `BoundMap`, infinite where there is no path.
 
     `has_los` is as in `BoundMap`.
     """

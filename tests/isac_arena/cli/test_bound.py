@@ -37,6 +37,17 @@ def test_bounds_over_the_plan_are_those_of_the_paths_there():
     assert png_bytes(bound_figure(prepared.scene, bound)).startswith(b"\x89PNG")
 
 
+def test_places_outside_the_walls_have_no_bound_where_no_path_comes():
+    prepared = bound_map.bound_inputs("l_hall")
+    grid = bound_map.plan_grid(prepared, 2.0)
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    outside = (x > 6.5) & (y > 6.5)  # the legs are 6 m wide
+    assert outside.any() and not grid.is_free[outside].any()
+    assert grid.is_free[(x < 6) | (y < 6)].mean() > 0.9
+    open_room = replace(prepared.scene, objects=tuple(o for o in prepared.scene.objects if "inner" not in o.name))
+    assert bound_map.within_walls(open_room, np.stack([x, y, 0 * x], axis=-1))[outside].all()
+
+
 def test_the_table_along_the_walk_has_both_bounds():
     table = bound_map.along_walk(bound_map.bound_inputs("box_room"))
     assert table.row_count == 4 and len(table.columns) == 4

@@ -8,6 +8,7 @@ import pytest
 
 from isac_arena.campaign.campaign import load_campaign
 from isac_arena.insight.bounds.known_contour import known_contour
+from isac_arena.insight.bounds.signal import SignalBounds
 from isac_arena.insight.placement.candidates import read_candidates
 from isac_arena.insight.placement.placement import with_tx
 from isac_arena.insight.placement.search import exhaustive, greedy, least_log_error
@@ -98,6 +99,8 @@ def test_the_commands_print_bounds_and_choose(tmp_path):
     (pillar,) = found["pillars"].values()
     assert 0 < pillar["lit_share"] < 1 and 0 < pillar["radius_m"] < 1 and len(found["position_m"]) == 4
     assert figure.read_bytes().startswith(b"\x89PNG")
+    bounds = SignalBounds(load_campaign("box_room"))  # those of `arena bound`, and of the scores
+    np.testing.assert_allclose(found["position_m"], [bounds.at_stop(stop).position_m[0] for stop in range(4)])
     places = tmp_path / "places.csv"
     places.write_text("name,x_m,y_m,z_m,heading_deg\na,1,1,1.5,45\nb,7,1,1.5,135\nc,1,5,1.5,0\n")
     figure, rows = tmp_path / "place.png", tmp_path / "place.json"
