@@ -73,14 +73,15 @@ def _done(task: Task) -> str:
 def _left(task: Task) -> str:
     """The time left at the mean speed so far; empty where no more than the share `told_from` is done.
 
-    What several workers make `side_by_side` counts as half done.
+    What several workers make `side_by_side` counts as half done. `more` says which stages it leaves out.
     """
     told_from = task.fields.get("told_from", 0.0) * (task.total or 0.0)
     if not (task.completed > told_from and task.elapsed and task.remaining):
         return ""
     n_begun = min(task.fields.get("side_by_side", 1), task.remaining)
     done = task.completed + (n_begun / 2 if n_begun > 1 else 0.0)
-    return f", about {duration(task.elapsed / done * ((task.total or 0.0) - done))} left"
+    more = f", then {task.fields['more']}" if task.fields.get("more") else ""
+    return f", about {duration(task.elapsed / done * ((task.total or 0.0) - done))} left{more}"
 
 
 def duration(seconds: float) -> str:

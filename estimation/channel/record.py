@@ -95,7 +95,9 @@ class ChannelEstimate(Record):
         "path", doc="probability that the path stands for several closer than a resolution cell; NaN unknown"
     )
     is_weak: BoolArray = optional_array(
-        "path", dtype=bool, doc="a sum of weak fields, or not resolved: mapping and SLAM leave it out"
+        "path",
+        dtype=bool,
+        doc="the estimator's mark: a sum of weak fields, or not resolved; mapping, SLAM and scores leave it out",
     )
     aod_angle_kind: str = optional_array(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
     aoa_angle_kind: str = optional_array(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")

@@ -1,6 +1,6 @@
 """The plan of a run: what is done, what is doubtful and what is refused, before the first stop is computed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, concatenate
 from scenes.scene import Scene, SceneObject
 from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
-from sim.config import ArrayConfig, LinkKind
+from sim.config import ArrayConfig, LinkKind, PropagationConfig
 from sim.links import TxLink, tx_links
 from sim.propagation.paths import Paths
 from sim.signal.link import Link, best_beam_power_dbm, line_of_sight_at_1m_dbm
@@ -113,13 +113,18 @@ def link_roles(links: Sequence[TxLink[CampaignConfig]]) -> str:
 
 def _seen_paths(config: CampaignConfig, link: TxLink[CampaignConfig], step: int) -> dict[int, Paths]:
     """Line of sight and single reflections at every step-th stop that a link has, by the stop."""
+    stops = [stop for stop in range(0, len(link.scene.stops), step) if stop in link.stops]
+    return _first_paths(link.scene, config.waveform.carrier_ghz * 1e9, config.propagation, stops)
+
+
+def _first_paths(
+    scene: Scene, carrier_hz: float, settings: PropagationConfig, stops: Iterable[int]
+) -> dict[int, Paths]:
+    """Line of sight and single reflections at some stops."""
     from sim.propagation.propagator import Propagator  # noqa: PLC0415  (slow to import)
 
-    scene = link.scene
-    changes = {"max_bounces": min(1, config.propagation.max_bounces), "diffuse_samples": 0, "diffraction": False}
-    propagation = config.propagation.model_copy(update=changes)
-    propagator = Propagator(scene, config.waveform.carrier_ghz * 1e9, propagation)
-    stops = [stop for stop in range(0, len(scene.stops), step) if stop in link.stops]
+    changes = {"max_bounces": min(1, settings.max_bounces), "diffuse_samples": 0, "diffraction": False}
+    propagator = Propagator(scene, carrier_hz, settings.model_copy(update=changes))
     return {stop: propagator.paths(scene.stops[stop].position_m) for stop in stops}
 
 
@@ -145,6 +150,14 @@ def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
             f"the stops do not follow one another, but trajectory.method = '{trajectory.method}' takes them "
             "for one walk: leave it out"
         )
+
+
+def sight_doubts(scene: Scene, carrier_hz: float) -> Iterator[str]:
+    """Stops of a scene that receive nothing, and objects and meshes that reflect to none, by default settings."""
+    step = -(-len(scene.stops) // MOST_STOPS)
+    return _about_sight(
+        scene, _first_paths(scene, carrier_hz, PropagationConfig(), range(0, len(scene.stops), step))
+    )
 
 
 def scene_doubts(scene: Scene) -> Iterator[str]:

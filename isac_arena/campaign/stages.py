@@ -197,14 +197,14 @@ def sweep_and_estimate(
     work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
     if not all(map(work.is_done, (work.run.chosen_stops[0], work.run.chosen_stops[-1]))):
         _ensure_kernels()
-    failures = _each_stop(work, makers, "trace, sweep, estimate")
+    failures = _each_stop(work, makers, "trace, sweep, estimate", more="SLAM and contours")
     if failures and len(failures) == len(work.run.chosen_stops):
         raise failures[0]
     return failures
 
 
-def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[EstimatorError]:
-    """Make what is missing at every stop, here or on workers, with progress; failures of a user's function."""
+def _each_stop(stops: StopRun, makers: StopMakers, description: str, more: str = "") -> list[EstimatorError]:
+    """Make what is missing at every stop, here or on workers; failures of a user's function. `more` follows."""
     counts = TraceCounts()
     failures: list[EstimatorError] = []
     if stops.run.calibrates:
@@ -212,7 +212,7 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
             stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
         n_stops = len(stops.run.chosen_stops)
-        task = progress.add_task(description, total=n_stops, side_by_side=makers.workers or n_cores())
+        task = progress.add_task(description, total=n_stops, side_by_side=makers.workers or n_cores(), more=more)
         for number, one in enumerate(progress.track(made, n_stops, task_id=task), 1):
             if number % STOPS_A_SHARD == 0:
                 pack_stops(stops.store)
@@ -224,9 +224,9 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
                 if number == len(failures) == SHOWN_FAILURES < n_stops:
                     progress.console.print(ALL_FAILED.format(number), markup=False, soft_wrap=True)
     pack_stops(stops.store)
-    more = max(len(failures) - SHOWN_FAILURES, 0)
-    if more and len(failures) < len(stops.run.chosen_stops):  # else there is no report
-        console.print(f"failed: {counted(more, 'more stop', 'more stops')}; the report has them all")
+    unshown = max(len(failures) - SHOWN_FAILURES, 0)
+    if unshown and len(failures) < len(stops.run.chosen_stops):  # else there is no report
+        console.print(f"failed: {counted(unshown, 'more stop', 'more stops')}; the report has them all")
     for line in counts.lines:
         console.print(line)
     return failures
@@ -311,7 +311,7 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
         plan = plan or (run_plan(store) if store.measured is None else None)
         found = run_doubts(scores.metrics, results.slam.poses)
         if doubts := dict.fromkeys((*found, *(plan.doubts if plan else ()))):
-            facts["Doubtful"] = "\n".join(f"• {doubt}" for doubt in doubts)
+            facts = {"Doubtful": "\n".join(f"• {doubt}" for doubt in doubts)} | facts
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")

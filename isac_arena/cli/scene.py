@@ -64,7 +64,7 @@ def show(
     """Draw a scene: its objects, the TX, the walk, and the paths to a stop; list them, and what is doubtful."""
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
-    from isac_arena.campaign.plan import scene_doubts  # noqa: PLC0415
+    from isac_arena.campaign.plan import scene_doubts, sight_doubts  # noqa: PLC0415
     from isac_arena.campaign.summary import scene_summary, scene_table  # noqa: PLC0415
     from isac_arena.report.figures.plan import plan_figure  # noqa: PLC0415
     from isac_arena.report.figures.scene3d import scene_figure  # noqa: PLC0415
@@ -80,7 +80,7 @@ def show(
     write_bytes(path, png_bytes(figure))
     typer.echo(f"{scene.name}: {scene_summary(scene)}, {len(scene.stops)} stops; {view.value} in {path}")
     stages.console.print(scene_table(scene))
-    stages.print_scene_notices(scene.notices, list(scene_doubts(scene)))
+    stages.print_scene_notices(scene.notices, [*sight_doubts(scene, CARRIER_HZ), *scene_doubts(scene)])
 
 
 @app.command("export")

@@ -104,7 +104,7 @@ def sweep_report(
 
 def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     """Print the cases of a sweep, and their estimated time on one core and disk space."""
-    from isac_arena.progress import counted, duration, working  # noqa: PLC0415
+    from isac_arena.progress import counted, duration, tracked  # noqa: PLC0415
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
     jobs = plan.jobs
@@ -116,8 +116,8 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")
-    with working(console, "a few stops, to time them"):
-        cost = estimate_cost(plan)
+    console.print("a few stops of up to 3 cases are computed to time them: seconds in a room, a minute in a hall")
+    cost = estimate_cost(plan, lambda tried: tracked(console, tried, len(tried), "cases tried"))
     console.print(
         f"about {duration(3600 * cost.core_hours)} of one core and {cost.start_up_s:.0f} s for every worker to "
         f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {counted(cost.n_tried, 'case')}"

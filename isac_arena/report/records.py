@@ -24,7 +24,7 @@ from isac_arena.report.figures.path_lines import path_summary
 from isac_arena.report.figures.plan import draw_legend, draw_paths, draw_plan
 from isac_arena.report.figures.power import draw_power
 from isac_arena.report.figures.scene3d import scene_figure
-from isac_arena.report.page.tables import headline_table
+from isac_arena.report.page.tables import headline_table, legend_text
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, cluster_look, html_table, styled
 from isac_arena.scoring.score import Scores
 from scenes.arguments import need
@@ -110,7 +110,7 @@ def _(thing: Paths, scene: Scene | None = None, *, ax: Any = None, view: View = 
 @_drawn.register
 @styled()
 def _(thing: ChannelEstimate, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
-    kinds = {"weak": (thing.is_weak, GHOST), "path": (~thing.is_weak & ~thing.is_los, ESTIMATE)}
+    kinds = {"marked weak (is_weak)": (thing.is_weak, GHOST), "path": (~thing.is_weak & ~thing.is_los, ESTIMATE)}
     ax = _profile(ax, thing.delay_s, thing.power_dbm, kinds | {"taken as line of sight": (thing.is_los, SLAM)})
     ax.set(xlabel="delay with the clock bias in ns", ylabel="power in the best beam pair in dBm")
     what = "estimated path" if len(thing) == 1 else "estimated paths"
@@ -215,7 +215,7 @@ def _(thing: Record) -> str:
 def _(thing: Scores) -> str:
     doubts = "".join(f"<p>doubtful: {escape(doubt)}</p>" for doubt in thing.doubts)
     more = f"<p><code>.to_dataframe()</code> has all {len(thing.metrics)} scores</p>"
-    return headline_table(thing.metrics) + doubts + more
+    return headline_table(thing.metrics) + doubts + legend_text(thing) + more
 
 
 def _parts(thing: Record) -> list[tuple[str, Record]]:

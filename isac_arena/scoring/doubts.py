@@ -99,7 +99,16 @@ def doubts_of(values: Mapping[str, float]) -> tuple[str, ...]:
     """As `score_doubts`, of the values by key; scores that are missing or NaN say nothing."""
     about_paths = (*_path_doubt(values), *_power_doubt(values), *_cut_doubt(values), *_sight_doubt(values))
     about_stated = (*_stated_doubt(values), *_too_large_doubt(values))
-    return (*about_paths, *about_stated, *_slam_doubt(values), *_contour_doubt(values))
+    return (*_slam_doubt(values), *about_paths, *about_stated, *_contour_doubt(values))
+
+
+def in_short(doubts: Sequence[str]) -> str:
+    """The first doubt in words, without what to do, and what the others are about; empty without any."""
+    if not doubts:
+        return ""
+    first = doubts[0].partition(" To do: ")[0].rstrip(".")
+    others = ", ".join(doubt.partition(":")[0] for doubt in doubts[1:])
+    return f"{first}; also: {others}" if others else first
 
 
 def _path_doubt(values: Mapping[str, float]) -> Iterator[str]:

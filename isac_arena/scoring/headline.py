@@ -15,6 +15,7 @@ from isac_arena.scoring.record import PoseScores
 FEW = 4  # stops, of which one may well make most of a mean square
 MOST = 0.5
 ENOUGH = "3 single bounces or more"  # `maps.FOUND_POINTS`: fewer do not let an object be found
+FOUND_POINTS = 3
 IOU_COUNT = "iou.count"
 HEADS = ("published", "this run", "bound", "unit")
 
@@ -93,6 +94,8 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
     """Label, scores (the paper's, of this run, the bound) and unit of every row that the scene has."""
     known = {metric.key: metric for metric in metrics}
     for row in HEADLINE:
+        if row.key not in known:  # of a stage that did not run
+            continue
         cells = [known.get(key) for key in (row.paper, row.key, row.bound)]
         if row.may_lack and not any(math.isfinite(cell.value) for cell in cells if cell):
             continue
@@ -124,14 +127,25 @@ def score_text(score: Metric | None) -> str:
 def _members(row: HeadlineRow, known: Mapping[str, Metric]) -> str:
     """How many objects a mean is over; empty for other rows."""
     mean_over = f"{row.of}.{row.kind}.{row.count}"
-    keys = f"contours.{mean_over}", f"shapes.{mean_over}", f"scene.visible.{row.kind}"
-    ours, published, visible = (known[key].value if key in known else math.nan for key in keys)
+    keys = f"contours.{mean_over}", f"shapes.{mean_over}"
+    ours, published = (known[key].value if key in known else math.nan for key in keys)
     if not ours > 0:
         return ""
     contour = "closed contour" if row.count == IOU_COUNT else "contour"
     other = f" (published: {published:g})" if math.isfinite(published) and published != ours else ""
-    met = f", where {ENOUGH} meet {counted(int(visible), row.kind)}" if ours > visible else ""
+    seldom = listed(_seldom_met(row, known))
+    met = f"; {seldom} of these: fewer than {FOUND_POINTS} single bounces meet it" if seldom else ""
     return f"mean over {counted(int(ours), row.kind)} with a {contour}{other}{met}"
+
+
+def _seldom_met(row: HeadlineRow, known: Mapping[str, Metric]) -> Iterator[str]:
+    """The objects of a mean that too few single bounces meet to be found."""
+    before, score = f"scene.single_bounces.{row.kind}.", "iou" if row.count == IOU_COUNT else "hausdorff_m"
+    for key, metric in known.items():
+        name = key.removeprefix(before)
+        shown = known.get(f"contours.{row.of}.{name}.{score}")
+        if key.startswith(before) and metric.value < FOUND_POINTS and shown and math.isfinite(shown.value):
+            yield name
 
 
 def bound_note(poses: PoseScores) -> str:

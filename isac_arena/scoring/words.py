@@ -21,7 +21,8 @@ WORDS = {
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "inseparable": "closer to stronger neighbours, in delay and angles, than an estimator can tell apart: counted "
     "apart, not as missed",
-    "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
+    "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains: judged "
+    "by the truth, while is_weak of a channel estimate is a mark by the estimator",
     "false contour": "a ghost or a phantom",
     "false": "an estimate that no true path explains",
     "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",

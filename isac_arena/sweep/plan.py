@@ -3,7 +3,7 @@
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -23,7 +23,7 @@ from isac_arena.sweep.run import check_case, make_signals, score_case, store_cas
 from scenes.record import empty_record
 from scenes.scene import Scene
 
-FEW, MORE = 1, 3  # stops that a case is tried with
+FEW, MORE = 1, 2  # stops that a case is tried with
 PLACES = ("tx", "walk", "links", "transmitters")  # settings that choose devices of a scene
 
 
@@ -93,15 +93,23 @@ def metric_keys(scene: Scene) -> list[str]:
     return [metric.key for metric in score_metrics(scene, replace(tables, mapping=maps, slam=maps))]
 
 
-def estimate_cost(plan: Plan) -> Cost:
-    """Run the first, the middle and the last case on a few stops in a temporary directory, and scale."""
+def estimate_cost(plan: Plan, track: Callable[[Sequence[Job]], Iterable[Job]] = iter) -> Cost:
+    """Run the first, the middle and the last case on a few stops in a temporary directory, and scale.
+
+    `track` shows the progress over the cases tried.
+    """
     missing = [job for job in plan.jobs if not job.is_done]
     if not missing:
         return Cost(0.0, 0.0, 0.0, 0.0, 0)
     chosen = [missing[index] for index in sorted({0, len(missing) // 2, len(missing) - 1})]
     imports_s = time.process_time()  # a worker loads what this process has loaded
-    start_up_s = imports_s + _try_cold(chosen[0], plan.scenes)
-    tried = [_try_case(job, plan.scenes) for job in chosen]
+    cold_s, tried = 0.0, list[CaseCost]()
+    for job in track(chosen):
+        cold_s = cold_s or _try_cold(job, plan.scenes)
+        tried.append(_try_case(job, plan.scenes))
+    first = tried[0]
+    warm_s = first.trace_start_s + first.case_start_s + FEW * (first.trace_stop_s + first.case_stop_s)
+    start_up_s = imports_s + max(0.0, cold_s - warm_s)
     mean = CaseCost(*np.mean(tried, axis=0).tolist())
     sets = Counter(job.signal_hash for job in missing)
     traced = {job.paths_hash: len(job.stops) for job in missing}
@@ -114,15 +122,12 @@ def estimate_cost(plan: Plan) -> Cost:
 
 
 def _try_cold(job: Job, scenes: Mapping[str, SceneSource]) -> float:
-    """Extra seconds of the first stop in a process: libraries are loaded, code is compiled."""
-    taken = []
-    for _ in range(2):
-        with tempfile.TemporaryDirectory() as folder:
-            here = _moved(job, folder, scenes)
-            started = time.perf_counter()
-            score_case(here, here.stops[:FEW])
-            taken.append(time.perf_counter() - started)
-    return max(0.0, taken[0] - taken[1])
+    """Seconds of the first stop in a process, in which libraries are loaded and code is compiled."""
+    with tempfile.TemporaryDirectory() as folder:
+        here = _moved(job, folder, scenes)
+        started = time.perf_counter()
+        score_case(here, here.stops[:FEW])
+        return time.perf_counter() - started
 
 
 def _try_case(job: Job, scenes: Mapping[str, SceneSource]) -> CaseCost:

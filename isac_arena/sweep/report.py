@@ -86,8 +86,8 @@ def sweep_page(
     else:
         nothing = "<p>No finished case yet, or no metric that changes over the cases.</p>"
         sections.append(("Metrics", [nothing]))
-    doubts = {key: "; ".join(found) for key, found in zip(results.keys, results.doubts, strict=True) if found}
-    listed = {"doubtful": (doubts, "SLAM"), "failed": (failures, "error"), "damaged": (damaged, "error")}
+    doubts = {key: found for key, found in zip(results.keys, results.doubts, strict=True) if found}
+    listed = {"doubtful": (doubts, "what"), "failed": (failures, "error"), "damaged": (damaged, "error")}
     for what, (found, head) in listed.items():
         rows = [[case.key, _case_settings(config, case), found[case.key]] for case in cases if case.key in found]
         if rows:

@@ -10,7 +10,7 @@ from rich.console import Console
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.progress import counted, progress_bar
-from isac_arena.scoring.doubts import MORE_STOPS, pose_doubts
+from isac_arena.scoring.doubts import MORE_STOPS, doubts_of, in_short
 from isac_arena.sweep.cases import base_path
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, store_scene
@@ -115,12 +115,12 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
 
 
 def doubtful_cases(rows: Sequence[Row]) -> dict[str, str]:
-    """What is far off in the poses of a case, by its key; only of cases where something is."""
+    """What is doubtful about a case in short, by its key; only of cases where something is."""
     values: dict[str, dict[str, float]] = {}
     for row in rows:
         if row["value"] is not None:
             values.setdefault(row["case"], {})[row["key"]] = row["value"]
-    found = {case: "; ".join(pose_doubts(of_case)) for case, of_case in values.items()}
+    found = {case: in_short(doubts_of(of_case)) for case, of_case in values.items()}
     return {case: doubt for case, doubt in found.items() if doubt}
 
 
@@ -141,10 +141,10 @@ def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequen
     doubts = doubtful_cases(rows)
     names = {job.key: _case_name(config, job) for job in jobs}
     for key, doubt in list(doubts.items())[:5]:
-        console.print(f"doubtful: {names[key]}: SLAM: {doubt}", markup=False, soft_wrap=True)
+        console.print(f"doubtful: {names[key]}: {doubt}", markup=False, soft_wrap=True)
     if doubts:
         n = counted(len(doubts), "doubtful case")
-        told = f"{n}, marked by 'arena sweep-report {out}'; to do: {MORE_STOPS}, or see why there"
+        told = f"{n}, listed by 'arena sweep-report {out}'; to do: see why there; for SLAM, {MORE_STOPS}"
         console.print(told, markup=False, soft_wrap=True)
     for job in failed[:5]:
         console.print(f"  {names[job.key]}: {failures[job.key]}", markup=False)

@@ -17,13 +17,13 @@ from isac_arena.report.page.tables import (
     SHAPES,
     all_scores_table,
     headline_table,
+    legend_text,
     object_table,
     scene_object_table,
     score_table,
 )
 from isac_arena.report.page.template import PAGE, script_text, style_text
 from isac_arena.report.style import figure_html, html_table
-from isac_arena.scoring.headline import bound_note
 from isac_arena.scoring.score import Scores
 
 SECTIONS = {
@@ -59,7 +59,8 @@ def render_report(
         style=style_text(),
         script=script_text(),
         campaign=_script_json(payload),
-        headline=headline_table(metrics, bound_note(scores.tables.poses)),
+        headline=headline_table(metrics),
+        words=legend_text(scores),
         facts=html_table(
             ("", ""), [(escape(label), escape(text).replace("\n", "<br>")) for label, text in facts.items()]
         ),

@@ -14,8 +14,9 @@ from isac_arena.report.style import html_table
 from isac_arena.scoring.headline import HEADLINE, HEADS, headline
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.score import Scores
 from isac_arena.scoring.stages.maps import found_objects
-from isac_arena.scoring.words import explained, legend
+from isac_arena.scoring.words import explained
 from isac_arena.settings import UNITS
 
 SILENT_PARTS = ("scene", "objects", "contour")  # of a dotted name: they say nothing to a reader
@@ -23,6 +24,9 @@ MORE_TITLES = {  # of scores that no table of the report shows
     "channel.detection_rate": "Paths: share of the significant separable ones that were detected",
     "channel.delay.over_bound.median": "Paths: delay error over its Cramér-Rao bound, median",
 }
+PARTS = re.compile(
+    r"\.(?:missed|false|ghost_ips|objects_found)\.(?!pillar$|wall$)\w+$"
+)  # keys of parts of a count
 DIRECTION_MARKS = {"lower": "↓", "higher": "↑", "info": ""}
 
 
@@ -178,12 +182,15 @@ def _abbreviation(found: re.Match[str]) -> str:
     return "IoU" if found[0] == "iou" else found[0].upper()
 
 
-def headline_table(metrics: Sequence[Metric], note: str = "") -> str:
-    """The main scores of a campaign, beside the paper's method and the bound, and a note under their legend."""
+def headline_table(metrics: Sequence[Metric]) -> str:
+    """The main scores of a campaign, beside the paper's method and the bound."""
     rows = [(explained(label), *map(_value, cells), explained(unit)) for label, cells, unit in headline(metrics)]
-    texts = [*HEADS, *(text for label, _, unit in headline(metrics) for text in (label, unit))]
-    about = "<br>".join(map(escape, filter(None, [*legend(texts), note])))
-    return html_table(("", *map(explained, HEADS)), rows) + f"<p>{about}</p>"
+    return html_table(("", *map(explained, HEADS)), rows)
+
+
+def legend_text(scores: Scores) -> str:
+    """The words of the main scores and of all that is doubtful, a line each."""
+    return f'<p class="words">{"<br>".join(map(escape, scores.legend))}</p>'
 
 
 def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
@@ -240,11 +247,11 @@ def scene_object_table(scene: Mapping[str, Any], tables: ScoreTables) -> str:
 
 
 def all_scores_table(metrics: Iterable[Metric]) -> str:
-    """Every score that has a value, with its key."""
+    """Every score that has a value, with its key; without counts of causes and kinds that do not occur."""
     rows = [
         (f"<code>{escape(metric.key)}</code>", _value(metric), _unit(metric), DIRECTION_MARKS[metric.direction])
         for metric in metrics
-        if math.isfinite(metric.value)
+        if math.isfinite(metric.value) and not (metric.value == 0 and PARTS.search(metric.key))
     ]
     return html_table(("key", "value", "unit", "better"), rows)
 

@@ -24,6 +24,7 @@ PAGE = """<!DOCTYPE html>
 <div class="headline unit">$headline</div>
 <div class="facts">$facts</div>
 </div>
+$words
 
 <h2 id="explore">Explore</h2>
 <noscript><p>The interactive plan needs JavaScript; the figures and tables below do not.</p></noscript>
@@ -68,7 +69,9 @@ $shape_figures
 </div>
 
 <h2 id="scores">All scores</h2>
-<details><summary>Every measured score; scores.json holds all $n_scores keys</summary>
+<details>
+<summary>Every measured score, without causes and kinds that do not occur;
+scores.json holds all $n_scores keys</summary>
 <div>$all_scores</div>
 </details>
 <script type="application/json" id="campaign">$campaign</script>

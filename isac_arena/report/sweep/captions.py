@@ -1,12 +1,19 @@
 """Captions of the figures of a sweep. They state only what the finished cases support."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from isac_arena.report.page.tables import score_title
 from isac_arena.report.sweep.figures import axis_lines
-from isac_arena.report.sweep.results import LEAST_CASES, SweepResults, groups
+from isac_arena.report.sweep.results import LEAST_CASES, SweepResults, groups, point_means
+
+DETECTED = "channel.detected_per_stop"
+OF_DETECTED = re.compile(
+    r"\.(?:rmse|bias|over_bound|median_db|max_db|nees|coverage95)"
+)  # scores of detected paths
+OTHER_PATHS = 1.2  # times as many detected paths at one point as at another are other paths
 
 
 def axis_caption(results: SweepResults, key: str) -> str:
@@ -27,7 +34,20 @@ def axis_caption(results: SweepResults, key: str) -> str:
     if results.bound(key) is not None:
         of_line = ", in the colour of its line" if any(len(found) > 1 for found in lines.values()) else ""
         sentences.append(f"Dashed: the bound on the same stops{of_line}.")
-    return " ".join(sentences)
+    return " ".join([*sentences, *_about_detected(results, key)])
+
+
+def _about_detected(results: SweepResults, key: str) -> Iterator[str]:
+    """That errors of detected paths are of other paths at other points, where many more are detected at some."""
+    if not key.startswith("channel.") or not OF_DETECTED.search(key) or DETECTED not in results.metrics:
+        return
+    means = point_means(results, DETECTED)
+    low, high = np.nanmin(means, initial=np.inf), np.nanmax(means, initial=0.0)
+    if low < high and high > OTHER_PATHS * low:
+        yield (
+            f"These are errors of detected paths, {low:.3g} to {high:.3g} per stop over the points: where more "
+            "weak ones are detected, errors can be larger though no path has become worse."
+        )
 
 
 def pareto_caption(results: SweepResults) -> str:

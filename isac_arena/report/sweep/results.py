@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from isac_arena.scoring.doubts import pose_doubts
+from isac_arena.scoring.doubts import doubts_of, in_short, pose_doubts
 from isac_arena.scoring.metrics.metric import is_share
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -58,16 +58,20 @@ class SweepResults:
     keys: tuple[str, ...] = ()  # (case,) their names
 
     @cached_property
-    def doubts(self) -> list[tuple[str, ...]]:
-        """What is far off in the poses of every case, as `pose_doubts`."""
-        columns = {key: metric.value.tolist() for key, metric in self.metrics.items()}
-        cases = range(len(self.point))
-        return [pose_doubts({key: column[case] for key, column in columns.items()}) for case in cases]
+    def doubts(self) -> list[str]:
+        """What is doubtful about every case (case,): the first doubt in words; empty without any."""
+        return [in_short(doubts_of(values)) for values in self._values]
 
     @cached_property
     def is_doubtful(self) -> BoolArray:
         """Whether the poses of a case are far off (case,)."""
-        return np.array([bool(found) for found in self.doubts], bool)
+        return np.array([bool(pose_doubts(values)) for values in self._values], bool)
+
+    @cached_property
+    def _values(self) -> list[dict[str, float]]:
+        """The scores of every case by their key."""
+        columns = {key: metric.value.tolist() for key, metric in self.metrics.items()}
+        return [{key: column[case] for key, column in columns.items()} for case in range(len(self.point))]
 
     def bound(self, key: str) -> FloatArray | None:
         """The bound (case,) of a metric, in its unit; None where it has none."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import astuple, fields
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -78,16 +78,25 @@ def _shows_enough(names: TextArray, line_of: LineOf, significant: SignificantPat
     return enough
 
 
+FOUND_KINDS: tuple[Literal["pillar", "wall"], ...] = ("pillar", "wall")
+
+
 def visible_metrics(scene: Scene, significant: SignificantPaths) -> list[Metric]:
-    """How many pillars and walls can be found: those that enough significant single bounces meet."""
+    """How many pillars and walls enough significant single bounces meet to be found, and how many meet each."""
     names, counts = np.unique(significant.object[significant.object != ""], return_counts=True)
     met = set(names[counts >= FOUND_POINTS].tolist())
     kinds = [item.kind for item in scene.fixtures if item.name in met]
     known = len(significant.stop) > 0
-    return [
+    metrics = [
         Metric(f"scene.visible.{kind}", kinds.count(kind) if known else np.nan, "1", "info")
-        for kind in ("pillar", "wall")
+        for kind in FOUND_KINDS
     ]
+    met_by = dict(zip(names.tolist(), counts.tolist(), strict=True))
+    for item in scene.fixtures:
+        if item.kind in FOUND_KINDS:
+            value = met_by.get(item.name, 0) if known else np.nan
+            metrics.append(Metric(f"scene.single_bounces.{item.kind}.{item.name}", value, "1", "info"))
+    return metrics
 
 
 def is_compact(item: SceneObject) -> bool:

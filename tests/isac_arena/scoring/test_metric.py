@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isac_arena.scoring import headline as main_scores
 from isac_arena.scoring.headline import ENOUGH, headline
 from isac_arena.scoring.metrics.metric import Metric, from_json, to_json
 from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
@@ -62,6 +63,9 @@ def test_mahalanobis_is_nan_without_variance_or_error():
 
 def test_means_over_contours_say_how_many_they_are_over() -> None:
     counts = {"contours.mapping.wall.count": 4, "shapes.mapping.wall.count": 5, "scene.visible.wall": 3}
+    counts |= {"scene.single_bounces.wall.north": 2, "contours.mapping.north.hausdorff_m": 0.1}
+    counts |= {"scene.single_bounces.wall.south": 2, "contours.mapping.south.hausdorff_m": np.nan}
+    counts |= {"scene.single_bounces.wall.east": 9, "contours.mapping.east.hausdorff_m": 0.1}
     metrics = [Metric(key, value, "1", "info") for key, value in counts.items()]
     metrics.append(Metric("contours.mapping.wall.seen_rmse.mean_m", 0.01, "m", "lower"))
     counts = {
@@ -73,9 +77,10 @@ def test_means_over_contours_say_how_many_they_are_over() -> None:
     metrics.append(Metric("contours.mapping.objects_found.pillar", 1, "1", "higher"))
     metrics.append(Metric("contours.mapping.pillar.iou.mean", 0.9, "1", "higher"))
     units = {label: unit for label, _, unit in headline(metrics)}
-    wall = "m, mean over 4 walls with a contour (published: 5), where 3 single bounces or more meet 3 walls"
+    few = "north of these: fewer than 3 single bounces meet it"
+    wall = f"m, mean over 4 walls with a contour (published: 5); {few}"
     assert units["Walls, seen part, mapping, RMSE"] == wall
     assert units["Pillars, overlap (IoU), mapping"] == "mean over 1 pillar with a closed contour"
     assert units["Pillars found by mapping"] == "of 7 that 3 single bounces or more meet"
-    assert ENOUGH.startswith(str(FOUND_POINTS))
+    assert ENOUGH.startswith(str(FOUND_POINTS)) and main_scores.FOUND_POINTS == FOUND_POINTS
     assert sum("mean over" in unit for unit in units.values()) == 2

@@ -5,7 +5,7 @@ const STATUS = data.has_truth
   ? { detected: "detected", weak: "weak or diffuse", false: "false" }
   : { detected: "labelled line of sight or single bounce", false: "labelled neither", weak: "" };
 const TRUTH = data.has_truth ? "In truth" : "By its labels";
-const POSE_BY = { LOS: "solved with a line of sight", NLOS: "from reflections alone, no path trusted as the line of sight", GIVEN: "given, of a fixed node" };
+const POSE_BY = { LOS: "solved with a line of sight", NLOS: "from reflections alone", GIVEN: "given, of a fixed node" };
 const STATUS_GLYPHS = { detected: "cross", weak: "plus", false: "tripod" };
 const powerImages = new Map();
 
@@ -76,7 +76,11 @@ function stopFacts(row) {
   const bound = (value, unit) => (value === null ? "" : ` (bound ${measured(value, unit)})`);
   if (stops.position_error_m[row] === null) words.push("SLAM found no pose.");
   else {
-    words.push(`Pose by SLAM, ${POSE_BY[data.maps.slam.poses.status[row]]}: position ${measured(stops.position_error_m[row], "m")} off`
+    const by = data.maps.slam.poses.status[row];
+    const named = estimated.los.indexOf(true);
+    const doubted = by === "NLOS" && named >= 0
+      ? ` (SLAM does not trust path ${named}, which the channel estimate takes as the line of sight)` : "";
+    words.push(`Pose by SLAM, ${POSE_BY[by]}${doubted}: position ${measured(stops.position_error_m[row], "m")} off`
       + `${bound(stops.position_bound_m[row], "m")}, heading ${measured(stops.heading_error_deg[row], "deg", true)}`
       + `${bound(stops.heading_bound_deg[row], "deg")}, clock ${measured(stops.clock_error_ns[row], "ns", true)}`
       + `${bound(stops.clock_bound_ns[row], "ns")}.`);

@@ -40,7 +40,7 @@ function pathTable(row) {
     const matched = trueRow(row, index);
     const cause = paths.cause[index] ? `: ${paths.cause[index]}` : "";
     const what = html("span", { title: meanings(STATUS[status]) }, swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status]),
-      ` ${STATUS[status]}${cause}${paths.los[index] ? " · taken as LOS" : ""}`);
+      ` ${STATUS[status]}${cause}${paths.los[index] ? " · taken as LOS by the channel estimate" : ""}`);
     const cells = [`${index}`, what, ...txCells(paths, index), matched >= 0 ? truth.label[matched] : paths.object[index] || "–", ...values(paths, index)];
     if (data.has_truth) {
       cells.push(shown(paths.delay_error_ns[index], 3), shown(paths.aod_error_deg[index], 3), shown(paths.aoa_error_deg[index], 3),
