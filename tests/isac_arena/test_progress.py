@@ -34,6 +34,8 @@ def test_the_time_left_is_known_as_soon_as_one_is_done() -> None:
     task = Task(TaskID(0), "stops", total=5, completed=1, _get_time=lambda: 180.0)
     task.start_time = 0.0
     assert progress._left(task) == ", about 12 min left"
+    task.fields["more"] = "SLAM"
+    assert progress._left(task) == ", about 12 min left, then SLAM"
     task.completed = 0
     assert progress._left(task) == ""
 

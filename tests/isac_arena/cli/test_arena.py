@@ -172,6 +172,7 @@ def test_a_shown_scene_lists_its_meshes_and_tells_what_is_doubtful(tmp_path: Pat
     assert re.search(r"walls_1 +wall +metal +7 to 9 +3 to 3 +0 to 2 +thin", shown), shown
     assert "doubtful: mesh cart overlaps pillar: move one of them" in shown
     assert "note: floor plan walls.csv: 2 lines make 1 wall, because lines that touch" in shown
+    assert "doubtful: no flat facet of mesh cart reflects to a stop" in shown  # as the plan of a run says
 
 
 @pytest.mark.parametrize("setting", ["scene", "campaign"])

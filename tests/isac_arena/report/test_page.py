@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from estimation.shape.reflection.rows import no_contours
+from estimation.slam.record import SolveStatus
 from isac_arena.report.page.figures import make_figures
 from isac_arena.report.page.html import render_report
 from isac_arena.report.page.payload.campaign import report_payload
@@ -267,6 +268,30 @@ def test_the_text_of_a_stop_keeps_its_digits(tab: Any, page: Path) -> None:
     shown = tab.evaluate(f"(() => {{ {''.join(parts)} {calls} }})()")
     assert shown == ["0.0430 mm", "1.23 cm", "1.50 m", "0.999 mm", "0.000520 deg", "−31.6 ps", "0 m", "–"]
     assert not re.search(r"\b0\.0+\b", tab.text("#stop-facts"))
+
+
+def test_a_stop_solved_without_a_line_of_sight_says_which_path_slam_does_not_trust(
+    tab: Any, folder: Path, campaign: Any, true_power: Any
+) -> None:
+    slam = campaign.results.slam
+    poses = replace(slam.poses, status=np.full(len(slam.poses.stop), SolveStatus.NLOS))
+    results = replace(campaign.results, slam=replace(slam, poses=poses))
+    tab.show(write_page(folder / "nlos.html", campaign, results, true_power, truths=campaign.truths))
+    named = int(np.flatnonzero(results.channel[0].is_los)[0])
+    words = (
+        f"from reflections alone (SLAM does not trust path {named}, which the channel estimate takes as the line"
+    )
+    assert words in tab.text("#stop-facts")
+    assert "taken as LOS by the channel estimate" in tab.text("#path-table") and tab.is_silent()
+
+
+def test_doubts_stand_before_the_words_and_counts_of_nothing_in_no_table(
+    folder: Path, campaign: Any, true_power: Any
+) -> None:
+    text = write_page(folder / "order.html", campaign, campaign.results, true_power).read_text(encoding="utf-8")
+    assert text.index('<div class="facts">') < text.index('<p class="words">') < text.index('id="explore"')
+    assert "<code>mapping.objects_found.pillar</code>" in text and "objects_found.kiosk" not in text
+    assert "<code>channel.missed_per_stop</code>" in text and "channel.missed.diffuse" not in text
 
 
 def test_a_measured_campaign_shows_what_can_be_known(tab: Any, measured_page: Path) -> None:

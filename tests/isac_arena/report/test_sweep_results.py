@@ -140,6 +140,31 @@ def test_captions_state_only_what_the_cases_support() -> None:
     assert axis_caption(holes, "rate").endswith("Crosses: cases of means of fewer than 4.")
 
 
+def test_a_case_is_doubtful_by_all_of_its_scores_and_marked_by_its_poses() -> None:
+    results = made(2, 1)
+    half = "channel.aoa.over_bound.median"
+    metrics = {**results.metrics, half: SweepMetric(half, "1", "lower", np.array([9.0, 1.0]))}
+    results = replace(results, metrics=metrics)
+    assert results.doubts[0].startswith("channel: errors of detected paths") and not results.doubts[1]
+    assert not results.is_doubtful.any()
+    far = replace(results, metrics={**metrics, OVER: SweepMetric(OVER, "1", "lower", np.array([2.0, 50.0]))})
+    assert far.is_doubtful.tolist() == [False, True] and far.doubts[1].startswith("SLAM: position")
+
+
+def test_errors_of_other_paths_at_other_points_have_a_note() -> None:
+    results, key = made(), "channel.aoa.rmse_deg"
+    value = SweepMetric(key, "deg", "lower", np.linspace(0.1, 0.2, 24))
+
+    def caption(detected: list[float], of: str) -> str:
+        found = SweepMetric("channel.detected_per_stop", "1", "higher", np.repeat(detected, 4))
+        return axis_caption(replace(results, metrics={of: replace(value, key=of), found.key: found}), of)
+
+    note = "errors of detected paths, 5 to 10 per stop"
+    assert note in caption([5.0, 6.0, 7.0, 8.0, 9.0, 10.0], key)
+    assert note not in caption([5.0, 6.0, 7.0, 8.0, 9.0, 10.0], "channel.false_per_stop")
+    assert "errors of detected" not in caption([9.0, 9.1, 9.2, 9.3, 9.4, 9.5], key)
+
+
 def test_trade_offs_use_the_directions_of_the_metrics() -> None:
     results = made()
     assert front_of(results, KEY, "rate").tolist() == [False] * 5 + [True]  # both are best at the last point

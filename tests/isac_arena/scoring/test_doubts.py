@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from estimation.slam.record import SolveStatus
-from isac_arena.scoring.doubts import FAR, FEW_STOPS, estimate_doubts, few_stops, pose_doubts, score_doubts
+from isac_arena.scoring.doubts import (
+    FAR,
+    FEW_STOPS,
+    estimate_doubts,
+    few_stops,
+    in_short,
+    pose_doubts,
+    score_doubts,
+)
 from isac_arena.scoring.metrics.metric import Metric
 
 FINE = {
@@ -118,6 +126,12 @@ def test_powers_that_are_far_off_are_said_with_how_many() -> None:
     assert not sentence(**channel, channel__power__rmse_db=2.9)
     told = sentence(**channel, channel__power__rmse_db=7.3)
     assert "powers: 6 of 114 detected paths err by 10 dB or more, up to 32 dB (RMSE 7.3 dB, median 0.1 dB)" in told
+
+
+def test_doubts_in_short_have_the_first_in_words_and_name_the_others() -> None:
+    assert in_short(()) == ""
+    assert in_short(("SLAM: far off. To do: more stops",)) == "SLAM: far off"
+    assert in_short(("SLAM: far. To do: x", "powers: many", "contours: 2")) == "SLAM: far; also: powers, contours"
 
 
 def test_contours_of_no_object_are_said() -> None:

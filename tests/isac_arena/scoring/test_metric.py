@@ -61,6 +61,15 @@ def test_mahalanobis_is_nan_without_variance_or_error():
     np.testing.assert_allclose(squared_mahalanobis(error, covariance), [np.nan, np.nan, 25.0])
 
 
+def test_rows_of_stages_that_did_not_run_are_left_out() -> None:
+    metrics = [
+        Metric("slam.position.rmse_m", 0.1, "m", "lower"),
+        Metric("published.position.rmse_m", 0.2, "m", "lower"),
+    ]
+    assert [label for label, *_ in headline(metrics)] == ["Receiver position in plan by SLAM, RMSE"]
+    assert not list(headline(metrics[1:]))
+
+
 def test_means_over_contours_say_how_many_they_are_over() -> None:
     counts = {"contours.mapping.wall.count": 4, "shapes.mapping.wall.count": 5, "scene.visible.wall": 3}
     counts |= {"scene.single_bounces.wall.north": 2, "contours.mapping.north.hausdorff_m": 0.1}
