@@ -122,7 +122,7 @@ def _path_doubt(values: Mapping[str, float]) -> Iterator[str]:
         yield (
             f"channel: errors of detected paths, times their bounds: {'; '.join(found)}. Where the RMS alone is "
             "large, few paths are far off, often close to others. To do: the tables of stops under 'Explore' in "
-            "the report have the errors of every path"
+            "the report, or scores.tables.paths in Python, have the errors of every path"
         )
 
 
@@ -134,8 +134,8 @@ def _power_doubt(values: Mapping[str, float]) -> Iterator[str]:
         some = f"{far:.0f} of {counted(int(detected), 'detected path')}" if far >= 0 < detected else "some paths"
         yield (
             f"powers: {some} err by 10 dB or more, up to {most:.0f} dB (RMSE {rmse:.2g} dB, median "
-            f"{median:.2g} dB). Delay and angles match a path, the power does not: a strong path may have been "
-            "assigned to a weak neighbour, or paths that cancel were taken for one. Do not use these as path gains"
+            f"{median:.2g} dB). Delay and angles match a path, the power does not: a strong path may have "
+            "been assigned to a faint neighbour, or paths that cancel were taken for one. They are no gains"
         )
 
 

@@ -1,6 +1,7 @@
 """The report page of a sweep, finished or not: figures and tables."""
 
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -93,11 +94,10 @@ def sweep_page(
         if rows:
             shown = table(["case", "axes", head], rows[:MOST_FAILURES], "failed")
             sections.insert(0 if found is doubts else len(sections), (counted(len(rows), f"{what} case"), [shown]))
-    facts = sweep_facts(directory, config, cases, failures, damaged)
     titles = [*map(score_title, [*keys, *(key for pair in pairs for key in pair)]), *("doubtful" for _ in doubts)]
     if words := list(legend(titles)):
-        facts["Words"] = "\n".join(words)
-    return render_sweep(config.name, facts, sections)
+        sections.append(("Words", [f"<p>{'<br>'.join(map(escape, words))}</p>"]))
+    return render_sweep(config.name, sweep_facts(directory, config, cases, failures, damaged), sections)
 
 
 def sweep_facts(

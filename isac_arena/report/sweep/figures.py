@@ -197,7 +197,7 @@ def _doubtful_cases(panel: Any, results: SweepResults, axis: SweepAxis, value: F
     """Ring the cases whose poses are far off."""
     for at, part in enumerate(groups(axis)):
         cases = value[part.members & results.is_doubtful]
-        label = None if at else "doubtful case"
+        label = None if at else "SLAM doubtful"
         look = {"color": DOUBT, "markerfacecolor": "none", "markersize": 9, "markeredgewidth": 1.4, "label": label}
         panel.plot(np.full(len(cases), part.place), cases, "o", **look)
 

@@ -14,7 +14,7 @@ from isac_arena.report.sweep.results import LEAST_CASES, Group, SweepResults, gr
 from isac_arena.scoring.metrics.metric import is_share
 from isac_arena.scoring.words import explained
 
-MARK = "⚠"  # of scores with doubtful cases
+MARK = "⚠"  # of scores of SLAM with cases whose poses are doubtful
 STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff;
