@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,9 @@ def test_a_notebook_is_a_clean_source(notebook: Path) -> None:
     assert content["nbformat"] == 4 and content["cells"][0]["cell_type"] == "markdown"
     code = [cell for cell in content["cells"] if cell["cell_type"] == "code"]
     assert code and all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+    for cell in code:  # a cell that ends with a drawing prints no axes below its figure
+        last = "".join(cell["source"]).splitlines()[-1]
+        assert not re.match(r"\w[\w.\[\]]*\.(plot|legend|set)\(.*\)$", last), last
     tree = ast.parse("\n".join("".join(cell["source"]) for cell in code))
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
