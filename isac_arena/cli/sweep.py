@@ -116,7 +116,7 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")
-    console.print("a few stops of up to 3 cases are computed to time them: seconds in a room, a minute in a hall")
+    console.print("a few stops of up to 3 cases are computed to time them: about a minute")
     cost = estimate_cost(plan, lambda tried: tracked(console, tried, len(tried), "cases tried"))
     console.print(
         f"about {duration(3600 * cost.core_hours)} of one core and {cost.start_up_s:.0f} s for every worker to "
