@@ -56,13 +56,10 @@ class Noise(NamedTuple):
     config: TrajectoryConfig
 
     def lower(self, share: float) -> Noise:
-        """With this share of the floors; the roughness of walls falls with its root."""
-        return Noise(self.seen.with_floor(share), self.config).smoother("wall_roughness_m", share)
-
-    def smoother(self, name: str, share: float) -> Noise:
-        """With the root of this share of a roughness."""
-        rough = {name: float(np.sqrt(share)) * getattr(self.config, name)}
-        return Noise(self.seen, self.config.model_copy(update=rough))
+        """With this share of the floors; the roughness of walls and objects falls with its root."""
+        root = float(np.sqrt(share))
+        rough = {name: root * getattr(self.config, name) for name in ("wall_roughness_m", "object_roughness_m")}
+        return Noise(self.seen.with_floor(share), self.config.model_copy(update=rough))
 
 
 class SmoothedWalk(NamedTuple):
@@ -100,9 +97,9 @@ def smooth_walk(
     """Motion prior alone, then with landmarks and sessions, then doubtful stops again, then with less noise.
 
     The floors of the noise and the roughness of surfaces are wide, for errors that are not in the covariances of
-    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept. Objects
-    that are no circles stay rough: less of their roughness needs evidence of its own. In the end every landmark
-    gets a roughness of its own, where that has more evidence.
+    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept. All fall
+    together: rough objects would hide what less noise explains. In the end every landmark gets a roughness of its
+    own, where that has more evidence: some objects are no circles.
     """
     wide = Noise(seen, config)
     now, _ = _alternate(wide, wide, is_los, start, use_landmarks=False)
@@ -118,10 +115,6 @@ def smooth_walk(
         best = int(np.argmax(evidence))
         if len(evidence) - 1 - best >= _MOST_IN_VAIN:
             break
-    round_ones = walks[best].noise.smoother("object_roughness_m", (1.0, *WALK_SHARES)[best])
-    walks.append(_quieter(walks[best], round_ones, wide))
-    evidence.append(walks[-1].evidence)
-    best = int(np.argmax(evidence))
     walk = walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
     if doubtful is not None:
         walk = _relocated(walk, wide, doubtful)
