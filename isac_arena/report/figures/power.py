@@ -16,6 +16,7 @@ from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
 SHOWN_RANGE_DB = 45.0
+AZIMUTH_DECIMALS = 9  # of azimuths in rad that count as the same
 MARGIN_DEG = 10.0  # around the beams
 STATUS_LOOK = {
     PathStatus.DETECTED: ("estimated, detected", "x", SLAM),
@@ -65,18 +66,30 @@ def reported_angles(true: SignificantPaths, found: PathScores, estimate: Channel
     return angles
 
 
+def strongest_by_azimuth(power_map: BeamPowerMap) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Azimuths (tx,), (rx,) in rad in order, each once, and the power (tx, rx) in dBm of the strongest pair there.
+
+    Beams at several elevations share an azimuth.
+    """
+    tx_rad, row = np.unique(np.round(power_map.tx_azimuth_rad, AZIMUTH_DECIMALS), return_inverse=True)
+    rx_rad, column = np.unique(np.round(power_map.rx_azimuth_rad, AZIMUTH_DECIMALS), return_inverse=True)
+    power_dbm = np.full((len(tx_rad), len(rx_rad)), -np.inf)
+    np.maximum.at(power_dbm, (row[:, None], column[None, :]), power_map.power_dbm)
+    return tx_rad, rx_rad, power_dbm
+
+
 def draw_power(ax: Any, power_map: BeamPowerMap) -> Any:
     """Draw the power per beam pair over departure and arrival in deg; returns the mesh of its colours."""
-    tx_order, rx_order = np.argsort(power_map.tx_azimuth_rad), np.argsort(power_map.rx_azimuth_rad)
-    top = float(power_map.power_dbm.max())
+    tx_rad, rx_rad, power_dbm = strongest_by_azimuth(power_map)
+    top = float(power_dbm.max())
     return ax.pcolormesh(
-        np.rad2deg(power_map.rx_azimuth_rad[rx_order]),
-        np.rad2deg(power_map.tx_azimuth_rad[tx_order]),
-        power_map.power_dbm[np.ix_(tx_order, rx_order)],
+        np.rad2deg(rx_rad),
+        np.rad2deg(tx_rad),
+        power_dbm,
         shading="nearest",
         cmap="viridis",
         vmax=top,
-        vmin=max(top - SHOWN_RANGE_DB, float(power_map.power_dbm.min())),
+        vmin=max(top - SHOWN_RANGE_DB, float(power_dbm.min())),
         rasterized=True,
     )
 

@@ -13,7 +13,7 @@ from isac_arena.report.figures.by_tx import by_tx_figure
 from isac_arena.report.figures.cdf import channel_cdf_figure, pose_cdf_figure, surface_cdf_figure
 from isac_arena.report.figures.cluster import cluster_figure
 from isac_arena.report.figures.map import map_figure
-from isac_arena.report.figures.power import power_figure
+from isac_arena.report.figures.power import power_figure, strongest_by_azimuth
 from isac_arena.report.style import png_bytes
 from isac_arena.scoring.causes import LEVEL
 from isac_arena.scoring.record import MapScores, PathStatus, ScoreTables
@@ -115,8 +115,10 @@ def _power_map(results: CampaignResults, tables: ScoreTables, stop: int | None) 
         raise ValueError(f"power_map_stop = {stop}: must be one of the {len(row)} stops of the campaign")
     power_map, estimate = results.power_maps[row[stop]], results.channel[row[stop]]
     n_tx, n_rx = power_map.power_dbm.shape
+    cells = strongest_by_azimuth(power_map)[2]
+    most = ", of pairs with the same two azimuths the strongest" if cells.size < n_tx * n_rx else ""
     caption = (
-        f"Mean received power of each of the {n_tx} x {n_rx} beam pairs at stop {stop}. Circles: true paths "
+        f"Mean received power of each of the {n_tx} x {n_rx} beam pairs at stop {stop}{most}. Circles: true paths "
         "within the estimator's dynamic range, those far outside the beams left out. Marks: estimated paths by "
         "status. Strong paths have side-lobe stripes along both axes; paths that differ only in delay coincide."
     )

@@ -135,6 +135,27 @@ def test_power_maps_come_with_beams_in_order(campaign, payload):
     assert steps[strongest] == 0
 
 
+def test_of_beams_at_several_elevations_the_strongest_pair_is_shown(campaign, true_power):
+    first = campaign.results.power_maps[0]
+    weak_dbm = first.power_dbm - 30
+    doubled = [
+        replace(
+            one,
+            tx_azimuth_rad=np.tile(one.tx_azimuth_rad, 2),
+            power_dbm=np.concatenate([weak_dbm, one.power_dbm] if row % 2 else [one.power_dbm, weak_dbm]),
+        )
+        for row, one in enumerate([replace(first, stop=one.stop) for one in campaign.results.power_maps])
+    ]
+    results = replace(campaign.results, power_maps=tuple(doubled))
+    power = report_payload("x", campaign.scene, results, scored(campaign, results, true_power))["power"]
+    assert len(power["tx_deg"]) == len(first.tx_azimuth_rad)
+    assert power["n_pairs"] == 2 * first.power_dbm.size
+    order = np.ix_(np.argsort(first.tx_azimuth_rad), np.argsort(first.rx_azimuth_rad))
+    expected = quantised_power(first.power_dbm[order])
+    for top, below in zip(power["top_dbm"], power["below"], strict=True):
+        assert (top, below) == expected
+
+
 def test_missed_and_false_paths_are_told_apart_with_their_cause(campaign, true_power):
     first = campaign.results.channel[0]
     extra = replace(first.take("path", slice(1, 2)), delay_s=first.delay_s[1:2] + 60e-9)

@@ -11,6 +11,7 @@ from matplotlib.colors import to_hex
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.report.figures.map import whole_view
 from isac_arena.report.figures.plan import plan_view
+from isac_arena.report.figures.power import strongest_by_azimuth
 from isac_arena.report.page.payload.maps import map_payload
 from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quantised_power, rounded, significant
 from isac_arena.report.page.payload.paths import estimated_paths, true_paths
@@ -128,13 +129,13 @@ def _power(results: CampaignResults, stops: list[int]) -> Payload | None:
     if len(beams) != 1:
         return None
     maps = {power_map.stop: power_map for power_map in results.power_maps}
-    first = results.power_maps[0]
-    tx, rx = np.argsort(first.tx_azimuth_rad), np.argsort(first.rx_azimuth_rad)
-    levels = [quantised_power(maps[stop].power_dbm[np.ix_(tx, rx)]) for stop in stops]
+    tx_rad, rx_rad, _ = strongest_by_azimuth(results.power_maps[0])
+    levels = [quantised_power(strongest_by_azimuth(maps[stop])[2]) for stop in stops]
     shades = matplotlib.colormaps["viridis"](np.linspace(0, 1, POWER_COLORS))
     return {
-        "tx_deg": rounded(np.rad2deg(first.tx_azimuth_rad[tx]), 2),
-        "rx_deg": rounded(np.rad2deg(first.rx_azimuth_rad[rx]), 2),
+        "tx_deg": rounded(np.rad2deg(tx_rad), 2),
+        "rx_deg": rounded(np.rad2deg(rx_rad), 2),
+        "n_pairs": results.power_maps[0].power_dbm.size,
         "step_db": POWER_STEP_DB,
         "top_dbm": [top for top, _ in levels],
         "below": [below for _, below in levels],
