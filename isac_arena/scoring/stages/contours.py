@@ -12,7 +12,7 @@ from isac_arena.scoring.metrics.contours import extent_iou, intersection_over_un
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import mean
 from isac_arena.scoring.record import ContourScores, IpScores, SignificantPaths
-from isac_arena.scoring.stages.maps import found_objects
+from isac_arena.scoring.stages.maps import found_kinds
 from isac_arena.scoring.stages.outlines import outline_columns
 from isac_arena.scoring.stages.shapes import (
     OUTLINE_SPACING_M,
@@ -115,7 +115,7 @@ def is_class_right(contours: Contours, row: int, item: SceneObject) -> bool:
 def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[Metric]:
     """Scores of the contours of one map: those of the paper's shapes, then ghosts, objects and classes."""
     prefix = f"contours.{map_name}"
-    found = [scene.object(name).kind for name in found_objects(table)]
+    found = found_kinds(scene, table)
     return [
         *outline_metrics(prefix, scene, table),
         Metric(f"{prefix}.accepted", len(table.object), "1", "info"),

@@ -62,15 +62,16 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
 
 
 def close_counts(scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin) -> IntArray:
-    """Numbers (cluster,) of IPs that stem from the cluster's object and lie within `FOUND_DISTANCE_M` of it."""
+    """Numbers (cluster,) of IPs that stem from the object or mesh and lie within `FOUND_DISTANCE_M` of it."""
     counts = np.zeros(len(origin.object), int)
-    objects = {item.name: item for item in scene.fixtures}
+    distance_of = {item.name: item.contour.signed_distance for item in scene.fixtures}
+    distance_of |= {mesh.name: mesh.plan_distance_m for mesh in scene.clutter}
     for cluster, members in enumerate(rows_of_groups(ips.label, len(counts))):
         name = str(origin.object[cluster])
-        if name not in objects:
+        if name not in distance_of:
             continue
         own = members[ips.object[members] == name]
-        distance = np.abs(objects[name].contour.signed_distance(result.ips.position_m[own]))
+        distance = np.abs(distance_of[name](result.ips.position_m[own]))
         counts[cluster] = (distance <= FOUND_DISTANCE_M).sum()
     return counts
 
@@ -102,8 +103,14 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScore
 
 
 def found_objects(clusters: OutlineScores) -> list[str]:
-    """Sorted names of the objects found."""
+    """Sorted names of the objects and meshes found."""
     return sorted({str(name) for name in clusters.object[clusters.is_found]})
+
+
+def found_kinds(scene: Scene, clusters: OutlineScores) -> list[str]:
+    """Kinds of the objects found; meshes, which have no true outline, are in no score of objects."""
+    known = scene.object_names
+    return [scene.object(name).kind for name in found_objects(clusters) if name in known]
 
 
 def _cause_metrics(prefix: str, ips: IpScores) -> list[Metric]:
@@ -126,7 +133,7 @@ def _distance_metrics(prefix: str, distance_m: FloatArray) -> list[Metric]:
 
 
 def _object_metrics(prefix: str, scene: Scene, clusters: OutlineScores) -> list[Metric]:
-    found: list[str] = [scene.object(name).kind for name in found_objects(clusters)]
+    found = found_kinds(scene, clusters)
     n_clusters = len(clusters.object)
     return [
         Metric(f"{prefix}.clusters", n_clusters, "1", "info"),

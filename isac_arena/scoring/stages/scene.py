@@ -27,16 +27,19 @@ def score_scene(
 
     Outlines of walls and other open objects are excluded, because the thickness of an object that is seen from
     one side is unobservable; a phantom is false, whatever its paths come from. An open contour of a compact object
-    has no area: it counts as false and its object as missed. Other open contours are left out.
+    has no area: it counts as false and its object as missed. Other open contours and those of meshes are left out.
     """
     compact = [item for item in scene.fixtures if is_compact(item)]
     lit = [item for item in compact if (significant.object == item.name).any()]
     truths = [np.asarray(item.contour.outline.coords)[:-1] for item in lit]
-    flat_names = [item.name for item in scene.fixtures if not is_compact(item)]
-    with_area = np.flatnonzero(~np.isin(clusters.object, flat_names)).tolist()
+    left_out = [
+        *(item.name for item in scene.fixtures if not is_compact(item)),
+        *(mesh.name for mesh in scene.clutter),
+    ]
+    with_area = np.flatnonzero(~np.isin(clusters.object, left_out)).tolist()
     shapes = [contour_points_m(result.shapes, row) for row in with_area]
     is_closed, of_compact = result.contours.is_closed, np.isin(contours.object, [item.name for item in compact])
-    closed = is_closed & (contours.is_phantom | ~np.isin(contours.object, flat_names))
+    closed = is_closed & (contours.is_phantom | ~np.isin(contours.object, left_out))
     ours = [
         result.contours.contour_m[row] if is_closed[row] else result.contours.contour_m[row][:1].repeat(3, axis=0)
         for row in np.flatnonzero(closed | (of_compact & ~is_closed))

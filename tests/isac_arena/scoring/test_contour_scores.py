@@ -17,6 +17,7 @@ from isac_arena.scoring.stages.contours import (
     score_contours,
 )
 from isac_arena.scoring.stages.maps import score_ips
+from isac_arena.scoring.stages.scene import score_scene
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material
 from tests.isac_arena.scoring.test_score import LIMITS
@@ -161,3 +162,32 @@ def test_rows_must_fit_the_points(campaign, tables):
     ips = score_ips(campaign.scene, mapping, tables.paths)
     with pytest.raises(ValueError, match=r"Contours\.object: 3 values for \d+ incidence points"):
         score_contours(campaign.scene, short, ips, tables.significant)
+
+
+def drum_in_place_of(scene, name):
+    """The scene with a cylinder of the same name in place of an object, as a mesh."""
+    item = scene.object(name)
+    (west, south, low), (east, north, high) = item.bounds_m
+    mesh = trimesh.creation.cylinder((east - west) / 2, high - low, sections=96)
+    corners = mesh.vertices + np.array([(west + east) / 2, (south + north) / 2, (low + high) / 2])
+    drum = Clutter(name, "clutter", Material("tin", 1.0, 1e7), corners, np.asarray(mesh.faces))
+    return replace(scene, objects=tuple(one for one in scene.objects if one.name != name), clutter=(drum,))
+
+
+def test_a_mesh_that_enough_points_show_is_found_and_not_false(campaign, tables):
+    mapping = campaign.results.mapping
+    scene = drum_in_place_of(campaign.scene, "pillar_a")
+    ips = score_ips(scene, mapping, tables.paths)
+    table = score_contours(scene, mapping, ips, tables.significant)
+    before = score_contours(campaign.scene, mapping, ips, tables.significant)
+    row = table.object.tolist().index("pillar_a")
+    assert table.is_found[row] and table.n_close[row] == before.n_close[row] > 0
+    assert not table.is_false.any()
+    clusters = tables.mapping.clusters
+    found = score_scene(scene, mapping, clusters, table, tables.significant)
+    assert found.false.tolist() == found.missed.tolist() == [0, 0]
+    values = {one.key: one.value for one in contour_metrics("mapping", scene, table)}
+    old = {one.key: one.value for one in contour_metrics("mapping", campaign.scene, before)}
+    assert (
+        values["contours.mapping.objects_found"] == old["contours.mapping.objects_found"] - 1
+    )  # a mesh is no object

@@ -43,7 +43,7 @@ function findItems() {
     for (const source of ["contours", "shapes"]) {
       map[source].forEach((one, row) => {
         const word = source === "contours" ? "contour" : "cluster";
-        const what = one.called || "several objects";
+        const what = one.called || one.object || "several objects";
         const title = `${mapName === "slam" ? "SLAM" : "mapping"} ${word} ${row}: ${what}`;
         const item = (one.ghost ? null : found.get(one.object)) ?? enter(`${mapName}-${word}-${row}`, title, "", one.ghost);
         item.rows[mapName][source].push(row);
