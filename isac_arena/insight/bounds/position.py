@@ -13,6 +13,7 @@ from estimation.slam.space.bounds import SpatialBound, SpatialPaths, spatial_bou
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.report.figures.bound import BoundMap
+from isac_arena.scoring.metrics.statistics import quantile
 from isac_arena.scoring.provenance import path_origin
 from isac_arena.scoring.record import PathKind
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -149,8 +150,10 @@ def place_bound(prepared: BoundInputs, position_m: FloatArray, paths: Paths) -> 
 
 
 def along_walk(prepared: BoundInputs) -> Table:
-    """Median bounds over the stops of the walk: each stop alone, and in the plane also all stops jointly."""
-    table = Table("median over the walk, fixed errors of paths", "each stop alone", "whole walk", "unit")
+    """Median bounds over the stops that have one: each stop alone, and in the plane the whole walk jointly."""
+    table = Table(
+        "median over the stops with a bound, fixed errors of paths", "each stop alone", "whole walk", "unit"
+    )
     for column in (1, 2):
         table.columns[column].justify = "right"
     for label, alone, together, unit in _in_space(prepared) if prepared.in_space else _in_plane(prepared):
@@ -169,8 +172,8 @@ def _in_plane(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
     together = state_bound(trajectory_covariance(scene.tx, states, shared, SMOOTHNESS_M))
     rows = []
     for label, name, scale, unit in QUANTITIES:
-        own = scale * np.median([getattr(limits, name) for limits, _ in alone])
-        rows.append((label, float(own), float(scale * np.median(getattr(together, name))), unit))
+        own = scale * quantile([getattr(limits, name) for limits, _ in alone], 0.5)
+        rows.append((label, own, scale * quantile(getattr(together, name), 0.5), unit))
     points = np.concatenate([ips for _, ips in alone])
     rows.append((IP_ROW, float(np.median(points)) if len(points) else np.nan, np.nan, "m"))
     return rows
@@ -185,8 +188,8 @@ def _in_space(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
     alone = [spatial_bound(scene.tx, state, stop) for state, stop in zip(states, stops, strict=True)]
     rows = []
     for label, name, scale, unit in (*QUANTITIES, ("height error bound", "height_m", 1.0, "m")):
-        own = scale * np.median([getattr(limits, name) for limits, _ in alone])
-        rows.append((label, float(own), np.nan, unit))
+        own = scale * quantile([getattr(limits, name) for limits, _ in alone], 0.5)
+        rows.append((label, own, np.nan, unit))
     points = np.concatenate([ips for _, ips in alone])
     rows.append((IP_ROW, float(np.median(points)) if len(points) else np.nan, np.nan, "m"))
     return rows

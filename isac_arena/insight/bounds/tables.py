@@ -11,7 +11,7 @@ from isac_arena.insight.bounds.position import QUANTITIES
 from isac_arena.insight.bounds.several_tx import SeveralTx, WalkBounds
 from isac_arena.progress import counted, listed
 from isac_arena.report.figures.bound import BoundMap
-from isac_arena.scoring.metrics.statistics import rms
+from isac_arena.scoring.metrics.statistics import quantile, rms
 
 TOGETHER = "together"
 FEW_WEIGH = 10.0  # RMS over median, from which few places decide the RMS
@@ -30,9 +30,9 @@ def pose_table(bounds: dict[str, WalkBounds]) -> Table:
     table = _right(Table("stops alone, from", *heads))
     for name, found in bounds.items():
         position = found.position_m
-        cells = [cell(value) for value in (found.pose_m, np.median(position), position.max())]
+        cells = [cell(value) for value in (found.pose_m, quantile(position, 0.5), position.max())]
         none = str(int((~np.isfinite(position)).sum()))
-        table.add_row(name, *cells, none, cell(np.rad2deg(np.median(found.heading_rad))))
+        table.add_row(name, *cells, none, cell(np.rad2deg(quantile(found.heading_rad, 0.5))))
     return table
 
 
@@ -43,14 +43,14 @@ def state_table(stops: StateBound, plan: BoundMap) -> Table:
     rows = [(f"{label}, stops", scale * getattr(stops, name), unit) for label, name, scale, unit in QUANTITIES]
     rows.append((f"{QUANTITIES[0][0]}, plan", plan.peb_m[~np.isnan(plan.peb_m)], QUANTITIES[0][3]))
     for label, values, unit in rows:
-        cells = (rms(values), np.median(values), values.min(), values.max()) if len(values) else 4 * (np.nan,)
+        cells = (rms(values), quantile(values, 0.5), values.min(), values.max()) if len(values) else 4 * (np.nan,)
         table.add_row(label, *(f"{value:.3g}" for value in cells), unit)
     return table
 
 
 def about_unbounded(stop: Sequence[int], stops: StateBound, plan: BoundMap) -> Iterator[str]:
-    """What the RMS of `state_table` counts, and where there is no bound."""
-    yield "position: in plan; RMS: over the stops or places with a bound, as in the scores"
+    """What RMS and median of `state_table` count, and where there is no bound."""
+    yield "position: in plan; RMS and median: over the stops or places with a bound, as in the scores"
     known = plan.peb_m[np.isfinite(plan.peb_m)]
     if len(known) and rms(known) > FEW_WEIGH * np.median(known):
         worst = np.sort(known**2)[::-1]

@@ -91,7 +91,7 @@ def channel_bound_figure(scene: Scene, bound: ChannelBoundMap) -> Figure:
     phases = "phases kept between beam pairs" if bound.is_coherent else "a random phase per beam pair"
     figure.suptitle(
         f"{scene.name}: Cramér-Rao bounds of the strongest path, {phases}"
-        f" (dashed: edge of line of sight, pink: no path, {INSIDE})",
+        f"\n(dashed: edge of line of sight, pink: no path, {INSIDE})",
         fontsize=10,
         fontweight="bold",
     )

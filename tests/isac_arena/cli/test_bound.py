@@ -214,10 +214,18 @@ def test_the_command_says_the_time_to_expect_and_writes_its_numbers(tmp_path):
     )
     assert result.returncode == 0, result.stderr
     assert re.search(r"^\d places over the plan, 4 m apart: about \d+ s \(--step", result.stdout, re.MULTILINE)
-    assert "RMS: over the stops or places with a bound" in result.stdout
+    assert "RMS and median: over the stops or places with a bound" in result.stdout
     found = json.loads((tmp_path / "b.json").read_text())
     assert found["campaign"] == "box_room" and len(found["stops"]["clock_ns"]) == 4
     assert (
         len(found["plan"]["position_m"]) == len(found["plan"]["y_m"]) == 2
         and (tmp_path / "b_channel.png").exists()
     )
+
+
+def test_medians_are_over_the_stops_with_a_bound_as_in_the_scores():
+    values = np.array([0.1, 0.3, np.inf, np.inf, np.inf])
+    stops = StateBound(values, values, values)
+    plan = BoundMap(np.arange(5.0), np.zeros(1), values[None], np.ones((1, 5), bool))
+    assert set(tables.state_table(stops, plan).columns[2].cells) == {"0.2", "11.5", "0.667"}  # m, deg, ns
+    assert next(tables.about_unbounded(range(5), stops, plan)).count("median") == 1
