@@ -26,6 +26,7 @@ from isac_arena.scoring.chain import score_metrics
 from isac_arena.scoring.measured import measured_metrics
 from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.errors import summed
+from isac_arena.user_functions.room import not_found
 from isac_arena.workers.stops import StopMakers
 from scenes.arguments import need, need_each
 from scenes.record import empty_record
@@ -182,9 +183,9 @@ class FinishedRun(RunResults):
         """The scores; `ValueError` where the run was not scored."""
         tables = self.store.score_tables()
         if tables is None:
-            raise ValueError(
-                f"{self.directory}: its scores are missing or of another version; run 'arena score' first"
-            )
+            cause = not_found(self.config.functions)
+            cause = cause or "its scores are missing or of another version; run 'arena score' first"
+            raise ValueError(f"{self.directory}: {cause}")
         metrics = score_metrics if self.store.measured is None else measured_metrics
         return Scores(metrics(self.scene, tables), tables)
 

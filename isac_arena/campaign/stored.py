@@ -17,11 +17,13 @@ from isac_arena.campaign.manifest import remedy
 from isac_arena.campaign.measured import MeasuredTruth, with_clock
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult, StopEstimate
 from isac_arena.campaign.shards import Stored, blocks, replaced_by, shard_name, write_shard
+from isac_arena.user_functions.room import not_found
 from sim.links import tx_links
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.truth import Truth
 
 T = TypeVar("T")
+OF_FUNCTIONS = ("estimate", "score")  # commands whose results depend on functions of the user
 
 
 def pack_stops(store: CampaignStore) -> None:
@@ -122,5 +124,7 @@ def present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
             if path.is_file() and read_attribute(path, "fingerprint") is None:
                 name = path.relative_to(store.directory).as_posix()
                 raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
+        if verb in OF_FUNCTIONS and (cause := not_found(store.config.functions)):
+            raise ValueError(f"{store.directory}: {cause}")
         raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
     return value

@@ -57,6 +57,14 @@ def imported_function(name: str) -> Callable[..., object]:
     return found
 
 
+def can_be_found(name: str) -> bool:
+    """Whether the module or package of a function is where Python looks for modules."""
+    try:
+        return importlib.util.find_spec(full_name(name).partition(":")[0].partition(".")[0]) is not None
+    except (ValueError, ImportError):
+        return False
+
+
 def function_source(name: str) -> str:
     """Hash of the source of the top-level module or package of a function; empty where unknown."""
     try:

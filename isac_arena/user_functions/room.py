@@ -21,7 +21,7 @@ import psutil
 
 from isac_arena.user_functions.config import STAGES, Stage, UserFunction, UserFunctions
 from isac_arena.user_functions.errors import EstimatorError
-from isac_arena.user_functions.names import function_source
+from isac_arena.user_functions.names import can_be_found, function_source
 from isac_arena.workers.share import share_bytes
 from isac_arena.workers.threads import ONE_THREAD
 
@@ -172,3 +172,14 @@ def functions_digest(functions: UserFunctions, *stages: Stage) -> list[str]:
         for stage, one in given
         if one is not None
     ]
+
+
+def not_found(functions: UserFunctions) -> str:
+    """Which function cannot be imported from here, and what to do, as the end of a line; empty where all can."""
+    for one in functions.given.values():
+        if not can_be_found(one.function):
+            return (
+                f"the function {one.function} of these settings cannot be imported from here; "
+                "start in the folder of its file, or put that folder on PYTHONPATH"
+            )
+    return ""

@@ -276,3 +276,14 @@ def test_named_functions_keep_the_settings_of_the_file() -> None:
     other = with_functions(config, {"slam": "a:c"}).functions.slam
     assert other is not None and not other.settings
     assert with_functions(config, {"slam": "ours"}).functions.given == {}
+
+
+def test_a_function_that_cannot_be_imported_from_here_is_named() -> None:
+    given = {"channel": {"function": "nowhere_to_be_found:estimate"}, "slam": {"function": "os:getcwd"}}
+    config = CampaignConfig.model_validate({"name": "a", "scene": "b", "functions": given})
+    cause = room.not_found(config.functions)
+    assert cause.startswith("the function nowhere_to_be_found:estimate of these settings cannot be imported")
+    assert "PYTHONPATH" in cause
+    there = {"slam": {"function": "os:getcwd"}}
+    usable = CampaignConfig.model_validate({"name": "a", "scene": "b", "functions": there})
+    assert not room.not_found(usable.functions)
