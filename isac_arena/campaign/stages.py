@@ -110,7 +110,7 @@ def run_campaign(
         print_plan(plan)
         failures = sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
         failures += build_maps(store)
-        write_scores(store)
+        write_scores(store, plan.doubts)
         write_report(store, plan)
     return failures
 
@@ -276,8 +276,11 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     return failures
 
 
-def write_scores(store: CampaignStore) -> None:
-    """Score every stage against the truth; write the metrics and the origin of each estimate."""
+def write_scores(store: CampaignStore, said: Sequence[str] = ()) -> None:
+    """Score every stage against the truth; write the metrics and the origin of each estimate.
+
+    Doubts that were `said` before are not printed again.
+    """
     scene = store.scene
     results = stored_results(store, len(scene.stops))
     with working(console, "scores"):
@@ -286,7 +289,7 @@ def write_scores(store: CampaignStore) -> None:
     console.print(score_table(scores))
     for line in scores.legend:
         console.print(line, markup=False, soft_wrap=True)
-    print_doubts(run_doubts(scores.metrics, results.slam.poses))
+    print_doubts([one for one in run_doubts(scores.metrics, results.slam.poses) if one not in said])
 
 
 def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:

@@ -87,7 +87,7 @@ def sweep_report(
         found = damaged_cases(directory)
         damaged = {case.key: found[case.key] for case in cases if case.key in found}
         whole = [case for case in cases if case.key not in damaged]
-        results = sweep_results(config, result_rows(directory, config, whole, {}))
+        results = sweep_results(directory, config, result_rows(directory, config, whole, {}))
     keys = _chosen(results, metric, directory)
     pairs = _pairs(results, pareto, directory)
     with working(console, "figures"):
@@ -112,7 +112,8 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     console.print(
         f"{config.name}: {counted(len(jobs), 'case')}, {counted(points, 'point')} of "
         f"{counted(len(config.axes), 'axis', 'axes')}, {counted(len(plan.scenes), 'scene')}, "
-        f"paths traced {counted(paths, 'time')}; {sum(job.is_done for job in jobs)} done"
+        f"paths traced {counted(paths, 'time')}; {sum(job.is_done for job in jobs)} done",
+        soft_wrap=True,
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")
@@ -120,7 +121,8 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     cost = estimate_cost(plan, lambda tried: tracked(console, tried, len(tried), "cases tried"))
     console.print(
         f"about {duration(3600 * cost.core_hours)} of one core and {cost.start_up_s:.0f} s for every worker to "
-        f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {counted(cost.n_tried, 'case')}"
+        f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {counted(cost.n_tried, 'case')}",
+        soft_wrap=True,
     )
     if cost.samples_gb:
         console.print(

@@ -21,7 +21,10 @@ BEHIND = 1.25  # times the RMSE of the published method: less is chance where bo
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
 NEEDED = (
     "a stop needs its line of sight and a single bounce, or four single bounces. Look at the paths of the stops "
-    "in the report, then at beams, power and walk"
+    "in 'arena report', then at beams, power and walk"
+)
+SHOWN_BY = (
+    "'arena report' shows which, under '{}', as the contours of scores.tables.mapping and .slam do in Python"
 )
 MORE_STOPS = "more stops (n_stops of the walk)"
 STATED = {
@@ -106,7 +109,7 @@ def in_short(doubts: Sequence[str]) -> str:
     """The first doubt in words, without what to do, and what the others are about; empty without any."""
     if not doubts:
         return ""
-    first = doubts[0].partition(" To do: ")[0].rstrip(".")
+    first = doubts[0].partition(" To do: ")[0].partition("; to do: ")[0].rstrip(".")
     others = ", ".join(doubt.partition(":")[0] for doubt in doubts[1:])
     return f"{first}; also: {others}" if others else first
 
@@ -121,8 +124,8 @@ def _path_doubt(values: Mapping[str, float]) -> Iterator[str]:
     if found:
         yield (
             f"channel: errors of detected paths, times their bounds: {'; '.join(found)}. Where the RMS alone is "
-            "large, few paths are far off, often close to others. To do: the tables of stops under 'Explore' in "
-            "the report, or scores.tables.paths in Python, have the errors of every path"
+            "large, few paths are far off, often close to others. To do: the tables of stops under 'Explore' of "
+            "'arena report', or scores.tables.paths in Python, have the errors of every path"
         )
 
 
@@ -184,8 +187,9 @@ def _sight_doubt(values: Mapping[str, float]) -> Iterator[str]:
     if (right := values.get("channel.los.decision_accuracy", np.nan)) <= LEAST_SIGHT:
         yield (
             f"lines of sight: whether a stop has one, and which path it is, was told right at {100 * right:.0f} % "
-            "of the stops; SLAM builds on it. To do: look at the stops under 'Explore' in the report; a channel "
-            "function of your own can give each path a probability (los_probability)"
+            "of the stops; SLAM builds on it. To do: look at the stops under 'Explore' of 'arena report', or at "
+            "scores.tables.poses in Python; a channel function of your own can give each path a probability "
+            "(los_probability)"
         )
 
 
@@ -208,12 +212,12 @@ def _contour_doubt(values: Mapping[str, float]) -> Iterator[str]:
     if told:
         yield (
             f"contours: {', '.join(told)} are false (a ghost or a phantom), though their own probability may be "
-            f"high. To do: {MORE_STOPS}; the report shows which, under 'Mapping and SLAM'"
+            f"high. To do: {MORE_STOPS}; {SHOWN_BY.format('Mapping and SLAM')}"
         )
     if narrow:
         yield (
             f"bands of contours: those that should hold 95 % of the seen outline hold {', '.join(narrow)} in the "
-            "mean. The report shows which, under 'Our contours'"
+            f"mean: {SHOWN_BY.format('Our contours')}"
         )
 
 
@@ -221,7 +225,7 @@ def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
     if not (found := pose_doubts(values)):
         return ()
     few = values.get("slam.stops", np.inf) < FEW_STOPS
-    what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Explore' in the report;"
+    what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Explore' of 'arena report';"
     return (f"SLAM: {'; '.join(found)}. To do: {what} 'arena budget' tells which stage errs",)
 
 
@@ -231,6 +235,12 @@ def few_stops(n_stops: int) -> tuple[str, ...]:
         return ()
     told = f"{counted(n_stops, 'stop')} of a walk hardly check one another: SLAM may be centimetres off"
     return (f"{told} where {FEW_STOPS} stops are millimetres off; to do: {MORE_STOPS}",)
+
+
+def case_doubts(values: Mapping[str, float], *, stops_alone: bool = False) -> tuple[str, ...]:
+    """As `doubts_of`, with walks of few stops unless SLAM took the `stops_alone`."""
+    n_stops = values.get("slam.stops", np.nan)
+    return (*doubts_of(values), *(few_stops(int(n_stops)) if n_stops > 0 and not stops_alone else ()))
 
 
 def run_doubts(metrics: Sequence[Metric], poses: PoseEstimates) -> tuple[str, ...]:

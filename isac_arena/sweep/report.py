@@ -17,8 +17,9 @@ from isac_arena.report.sweep.results import SweepAxis, SweepMetric, SweepResults
 from isac_arena.scoring.words import legend
 from isac_arena.settings import UNITS
 from isac_arena.sweep.config import SweepConfig
-from isac_arena.sweep.store import PlannedCase, is_done
+from isac_arena.sweep.store import PlannedCase, is_done, takes_stops_alone
 from isac_arena.sweep.table import axis_names
+from scenes.names import path_in
 
 MAIN = (
     "slam.position.rmse_m",
@@ -41,8 +42,8 @@ TRADE_OFFS = (
 MOST_FAILURES = 20
 
 
-def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepResults:
-    """The rows of the results table of finished cases as arrays, a value per case."""
+def sweep_results(directory: Path, config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepResults:
+    """The rows of the results table of finished cases in a directory as arrays, a value per case."""
     cases = list(dict.fromkeys(row["case"] for row in rows))
     place = {case: index for index, case in enumerate(cases)}
     values: dict[str, Any] = {}
@@ -59,7 +60,8 @@ def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepR
     ]
     metrics = {key: SweepMetric(key, *heads[key], column) for key, column in values.items()}
     points = np.array([first[case]["point"] for case in cases], int)
-    return SweepResults(points, tuple(axes), metrics, tuple(cases))
+    alone = tuple(takes_stops_alone(path_in(directory / "cases", case)) for case in cases)
+    return SweepResults(points, tuple(axes), metrics, tuple(cases), alone)
 
 
 def axis_title(field: str) -> str:

@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -10,7 +10,7 @@ from rich.console import Console
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.progress import counted, progress_bar
-from isac_arena.scoring.doubts import MORE_STOPS, doubts_of, in_short
+from isac_arena.scoring.doubts import MORE_STOPS, case_doubts, in_short
 from isac_arena.sweep.cases import base_path
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, store_scene
@@ -23,6 +23,7 @@ from isac_arena.sweep.store import (
     read_failures,
     remove_unfinished,
     stale_names,
+    takes_stops_alone,
     write_failure,
     write_plan,
 )
@@ -114,13 +115,18 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
         run_jobs(workers.client, pending, report, **workers.limits)
 
 
-def doubtful_cases(rows: Sequence[Row]) -> dict[str, str]:
-    """What is doubtful about a case in short, by its key; only of cases where something is."""
+def doubtful_cases(rows: Sequence[Row], stops_alone: Collection[str] = ()) -> dict[str, str]:
+    """What is doubtful about a case in short, by its key; only of cases where something is.
+
+    `stops_alone` are the cases whose SLAM takes every stop alone.
+    """
     values: dict[str, dict[str, float]] = {}
     for row in rows:
         if row["value"] is not None:
             values.setdefault(row["case"], {})[row["key"]] = row["value"]
-    found = {case: in_short(doubts_of(of_case)) for case, of_case in values.items()}
+    found = {
+        case: in_short(case_doubts(of_case, stops_alone=case in stops_alone)) for case, of_case in values.items()
+    }
     return {case: doubt for case, doubt in found.items() if doubt}
 
 
@@ -138,7 +144,7 @@ def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequen
     failed = [job for job in jobs if job.key in failures and not job.is_done]
     n_done = sum(job.is_done for job in jobs)
     console.print(f"{n_done} of {counted(len(jobs), 'case')} done, {len(failed)} failed")
-    doubts = doubtful_cases(rows)
+    doubts = doubtful_cases(rows, {job.key for job in jobs if takes_stops_alone(job.directory)})
     names = {job.key: _case_name(config, job) for job in jobs}
     for key, doubt in list(doubts.items())[:5]:
         console.print(f"doubtful: {names[key]}: {doubt}", markup=False, soft_wrap=True)

@@ -185,3 +185,12 @@ def forget_failures(directory: Path, keys: Iterable[str]) -> None:
 
 def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def takes_stops_alone(case: Path) -> bool:
+    """Whether the settings of a finished case make SLAM take every stop alone; false where they are not there."""
+    file = case / "campaign.json"
+    if not file.is_file():
+        return False
+    settings = json.loads(read_input(file))["campaign"]
+    return bool(settings["trajectory"]["method"] == "single" or settings["functions"]["slam"])

@@ -80,6 +80,9 @@ class RunResults(Displayed, ABC):
     def doubts(self) -> tuple[str, ...]:
         """What is doubtful about the results, a sentence each, with what to do; empty where nothing is.
 
+        What is doubtful about settings and scene before anything is computed, as heights, places and what no path
+        meets, is not among them: `arena run` says it first, and the report of a run has both.
+
         Raises `ValueError` where the run was not scored.
         """
         return run_doubts(self.scores.metrics, self.slam.poses)

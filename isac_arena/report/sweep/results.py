@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from isac_arena.scoring.doubts import doubts_of, in_short, pose_doubts
+from isac_arena.scoring.doubts import case_doubts, in_short, pose_doubts
 from isac_arena.scoring.metrics.metric import is_share
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -56,11 +56,15 @@ class SweepResults:
     axes: tuple[SweepAxis, ...]
     metrics: Mapping[str, SweepMetric]
     keys: tuple[str, ...] = ()  # (case,) their names
+    stops_alone: tuple[bool, ...] = ()  # (case,) whether SLAM takes every stop alone
 
     @cached_property
     def doubts(self) -> list[str]:
         """What is doubtful about every case (case,): the first doubt in words; empty without any."""
-        return [in_short(doubts_of(values)) for values in self._values]
+        alone = self.stops_alone or [False] * len(self.point)
+        return [
+            in_short(case_doubts(values, stops_alone=one)) for values, one in zip(self._values, alone, strict=True)
+        ]
 
     @cached_property
     def is_doubtful(self) -> BoolArray:

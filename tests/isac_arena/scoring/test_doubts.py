@@ -9,6 +9,7 @@ from estimation.slam.record import SolveStatus
 from isac_arena.scoring.doubts import (
     FAR,
     FEW_STOPS,
+    case_doubts,
     estimate_doubts,
     few_stops,
     in_short,
@@ -171,6 +172,14 @@ def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) 
 def test_few_stops_are_told_before_a_run() -> None:
     assert "4 stops of a walk" in "".join(few_stops(4)) and "1 stop of" in "".join(few_stops(1))
     assert not few_stops(FEW_STOPS)
+
+
+def test_cases_of_few_stops_are_doubtful_unless_each_stop_is_alone() -> None:
+    told = case_doubts({"slam.stops": 4.0})
+    assert in_short(told).startswith("4 stops of a walk hardly check one another")
+    assert "to do" not in in_short(told)
+    assert not case_doubts({"slam.stops": 4.0}, stops_alone=True) and not case_doubts({"slam.stops": FEW_STOPS})
+    assert not case_doubts({})
 
 
 def test_wrong_decisions_on_the_line_of_sight_are_said() -> None:
