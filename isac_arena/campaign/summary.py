@@ -54,7 +54,8 @@ class TraceCounts:
         """Lines for the terminal: none about what did not happen."""
         lines = []
         if self.n_compared:
-            extra = f"; {self.n_extra} that the ray tracer alone found are left out" if self.n_extra else ""
+            more = f"{counted(self.n_extra, 'path')} of these kinds that the ray tracer alone found"
+            extra = f"; {more} {'is' if self.n_extra == 1 else 'are'} left out" if self.n_extra else ""
             n_exact = self.n_compared - self.n_extra
             added = f"{self.n_repaired} of them, which the ray tracer missed, are added"
             missed = added if self.n_repaired else "the ray tracer found them all"

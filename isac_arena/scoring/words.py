@@ -36,7 +36,8 @@ WORDS = {
     "are too wide",
     "seen": "the part of a contour near the incidence points that it was fitted to",
     "lit extent": "the part of an object where true single bounces met it on the walk",
-    "ghost": "a contour or point most of whose paths come from no object by one bounce",
+    "ghost": "a contour or point most of whose paths come from no object by one bounce; floor and ceiling "
+    "count as objects",
     "phantom": "a closed contour half of whose area or more no object covers",
     "purity": "share of the points that come from the most frequent object",
     "mixed": "of several objects: none has half of its points",

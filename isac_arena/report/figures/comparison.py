@@ -90,13 +90,16 @@ def _text(one: PairedDifference, span: tuple[float, ...], limit: float) -> str:
     counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first} and {one.n_second}"
     text = f"{one.first:.3g} to {one.second:.3g}{unit}, n = {one.n_pairs}{counts}"
     if any(abs(value) > limit for value in span):
-        shown = [_change(value) for value in span[1:] if math.isfinite(value)] or [_change(span[0])]
-        text += f"; {' to '.join(shown)}"
+        shown = [value for value in span[1:] if math.isfinite(value)] or [span[0]]
+        text += f"; {_changes(shown)}"
     return text.replace("-", "\N{MINUS SIGN}")
 
 
-def _change(percent: float) -> str:
-    return f"{percent:+.0f} %" if abs(percent) < MOST_PERCENT else f"{percent / 100:+,.0f} times"
+def _changes(percents: Sequence[float]) -> str:
+    """One change, or both ends of an interval, in one unit: factors where all are large."""
+    if min(map(abs, percents)) >= MOST_PERCENT:
+        return " to ".join(f"{one / 100:+,.0f} times" for one in percents)
+    return " to ".join(f"{one:+,.0f} %" for one in percents)
 
 
 def _label(one: PairedDifference) -> str:

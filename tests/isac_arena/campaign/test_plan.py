@@ -10,6 +10,7 @@ import trimesh
 
 import isac_arena as ia
 from isac_arena.campaign.plan import LEAST_BIAS_M, plan_run
+from isac_arena.campaign.summary import TraceCounts
 from isac_arena.user_functions.config import with_functions
 from tests.command_line import failure
 
@@ -176,3 +177,9 @@ def test_a_weak_line_of_sight_costs_the_power_method_more_than_the_default() -> 
     high = {**ROOM, "tx": tx, "walk": {**ROOM["walk"], "height_m": 1.2}}
     assert "'auto' still places such stops to centimetres or better" in doubts(high)[0]
     assert "may be lost or decimetres off" in doubts(high, channel={"method": "power"})[0]
+
+
+def test_paths_of_the_ray_tracer_alone_are_counted_in_good_english() -> None:
+    one, two = (TraceCounts(n_compared=40 + n, n_extra=n).lines[0] for n in (1, 2))
+    assert one.endswith("found them all; 1 path of these kinds that the ray tracer alone found is left out")
+    assert two.endswith("2 paths of these kinds that the ray tracer alone found are left out")

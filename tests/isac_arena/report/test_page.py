@@ -285,6 +285,21 @@ def test_a_stop_solved_without_a_line_of_sight_says_which_path_slam_does_not_tru
     assert "taken as LOS by the channel estimate" in tab.text("#path-table") and tab.is_silent()
 
 
+def test_stops_tell_fitted_from_reported_paths_and_shared_azimuths(
+    tab: Any, folder: Path, campaign: Any, true_power: Any
+) -> None:
+    channel = campaign.results.channel
+    cut = replace(channel[0], reason="max_paths = 120 reached: there may be more")
+    maps = [
+        replace(one, tx_azimuth_rad=np.tile(one.tx_azimuth_rad, 2), power_dbm=np.tile(one.power_dbm, (2, 1)))
+        for one in campaign.results.power_maps
+    ]
+    results = replace(campaign.results, channel=(cut, *channel[1:]), power_maps=tuple(maps))
+    tab.show(write_page(folder / "cut.html", campaign, results, true_power, truths=campaign.truths))
+    assert f"120 paths were fitted, {len(cut)} of them are reported" in tab.text("#stop-facts")
+    assert "of pairs with the same two azimuths" in tab.text("#figure-power-map figcaption") and tab.is_silent()
+
+
 def test_doubts_stand_before_the_words_and_counts_of_nothing_in_no_table(
     folder: Path, campaign: Any, true_power: Any
 ) -> None:

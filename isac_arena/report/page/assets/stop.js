@@ -24,7 +24,9 @@ function makeStopPanel(parent) {
       height: (width) => Math.min(0.62 * width + 40, 470),
       draw: drawPower,
     });
-    power.caption.textContent = "Mean received power of every beam pair. Rings: significant true paths, dashed where " +
+    const shared = data.power.n_pairs > data.power.tx_deg.length * data.power.rx_deg.length;
+    const most = shared ? ", of pairs with the same two azimuths (beams at several elevations) that of the strongest" : "";
+    power.caption.textContent = `Mean received power of every beam pair${most}. Rings: significant true paths, dashed where ` +
       "missed. Marks: estimated paths. Paths that differ only in delay coincide.";
     if (data.scene.txs.length > 1) power.caption.textContent += ` The power is that of ${data.scene.txs[0].name}, marks are of all TX.`;
   }
@@ -84,6 +86,10 @@ function stopFacts(row) {
       + `${bound(stops.position_bound_m[row], "m")}, heading ${measured(stops.heading_error_deg[row], "deg", true)}`
       + `${bound(stops.heading_bound_deg[row], "deg")}, clock ${measured(stops.clock_error_ns[row], "ns", true)}`
       + `${bound(stops.clock_bound_ns[row], "ns")}.`);
+  }
+  const fitted = data.scene.txs.length > 1 ? 0 : Number(/max_paths = (\d+) reached/.exec(estimated.reason)?.[1] ?? 0);
+  if (fitted > estimated.status.length) {
+    words.push(`${fitted} paths were fitted, ${estimated.status.length} of them are reported: those marked weak are left out.`);
   }
   if (estimated.reason) words.push(`Estimator: ${estimated.method}, ${estimated.reason}`
     + (/\bramp\b/.test(estimated.reason) ? ` (ramp: ${data.words.ramp}).` : "."));

@@ -8,7 +8,7 @@ import pytest
 from estimation.shape.reflection.rows import no_contours
 from isac_arena.insight.comparison.names import group_of, name_of
 from isac_arena.insight.comparison.runs import compare_runs, pair_values
-from isac_arena.report.figures.comparison import compare_figure
+from isac_arena.report.figures.comparison import _changes, compare_figure
 from isac_arena.report.style import png_bytes
 from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
@@ -146,3 +146,9 @@ def test_the_figure_shows_every_quantity_and_where_it_ends(score, campaign):
     assert len(arrows) == 1 and arrows[0].get_xdata()[0] == ax.get_xlim()[1]
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"worse", "same", "exceeds the axis"} <= set(labels)
+
+
+def test_both_ends_of_an_interval_have_one_unit():
+    assert _changes([841.0, 1500.0]) == "+841 % to +1,500 %"
+    assert _changes([1200.0, 1500.0]) == "+12 times to +15 times"
+    assert _changes([-20.0]) == "-20 %"
