@@ -277,10 +277,7 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
 
 
 def write_scores(store: CampaignStore, said: Sequence[str] = ()) -> None:
-    """Score every stage against the truth; write the metrics and the origin of each estimate.
-
-    Doubts that were `said` before are not printed again.
-    """
+    """Score every stage against the truth; write metrics and origins. Doubts `said` before are not printed."""
     scene = store.scene
     results = stored_results(store, len(scene.stops))
     with working(console, "scores"):
