@@ -61,6 +61,11 @@ class Noise(NamedTuple):
         rough = {name: root * getattr(self.config, name) for name in ("wall_roughness_m", "object_roughness_m")}
         return Noise(self.seen.with_floor(share), self.config.model_copy(update=rough))
 
+    def with_objects_of(self, other: Noise) -> Noise:
+        """With the roughness of objects of other settings."""
+        rough = {"object_roughness_m": other.config.object_roughness_m}
+        return Noise(self.seen, self.config.model_copy(update=rough))
+
 
 class SmoothedWalk(NamedTuple):
     """A walk with the association of its paths, and the noise that it was fitted with."""
@@ -97,9 +102,9 @@ def smooth_walk(
     """Motion prior alone, then with landmarks and sessions, then doubtful stops again, then with less noise.
 
     The floors of the noise and the roughness of surfaces are wide, for errors that are not in the covariances of
-    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept. All fall
-    together: rough objects would hide what less noise explains. In the end every landmark gets a roughness of its
-    own, where that has more evidence: some objects are no circles.
+    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept. All
+    fall together: rough objects would hide what less noise explains. Objects that are no circles get their
+    roughness back where that has more evidence. In the end every landmark gets one of its own on the same terms.
     """
     wide = Noise(seen, config)
     now, _ = _alternate(wide, wide, is_los, start, use_landmarks=False)
@@ -110,11 +115,14 @@ def smooth_walk(
         return walks[0]
     evidence, best = [walks[0].evidence], 0
     for share in steps(WALK_SHARES, "trial of the path noise"):
-        walks.append(_quieter(walks[-1], wide.lower(share), wide))
+        walks.append(_with_noise(walks[-1], wide.lower(share), wide))
         evidence.append(walks[-1].evidence)
         best = int(np.argmax(evidence))
         if len(evidence) - 1 - best >= _MOST_IN_VAIN:
             break
+    walks.append(_with_noise(walks[best], walks[best].noise.with_objects_of(wide), wide))
+    evidence.append(walks[-1].evidence)
+    best = int(np.argmax(evidence))
     walk = walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
     if doubtful is not None:
         walk = _relocated(walk, wide, doubtful)
@@ -151,8 +159,8 @@ def _with_own_roughness(walk: SmoothedWalk) -> SmoothedWalk:
     return walk
 
 
-def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
-    """The walk again with less noise, from the solution before.
+def _with_noise(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
+    """The walk again with other noise, from the solution before.
 
     Landmarks found anew may be fewer, and their loss would count against the noise. So the landmarks and paths of
     the solution before are fitted too; the one of more evidence is kept.
