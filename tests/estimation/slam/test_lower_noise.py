@@ -9,7 +9,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import PathNoise, TrajectoryConfig
 from estimation.slam.stops import locate_and_map
 from estimation.slam.walk import alternation
-from estimation.slam.walk.alternation import smooth_walk
+from estimation.slam.walk.alternation import Noise, smooth_walk
 from estimation.slam.walk.linearise import linearise
 from isac_arena.validation.scenarios.halls import ScenarioConfig
 from isac_arena.validation.scenarios.stops import Scenario, draw_trajectory
@@ -68,6 +68,18 @@ def test_noise_without_a_floor_is_left() -> None:
     assert not seen.floor.any()
     walk = smooth_walk(seen, link.kind == 1, now, CONFIG)
     assert walk.noise.seen is seen and walk.noise.config is CONFIG
+
+
+def test_all_noise_falls_together_and_objects_get_theirs_back() -> None:
+    seen, _, _ = campaign(np.random.default_rng(2))
+    wide = Noise(replace(seen, floor=np.diag([0.03, 0.004, 0.004]) ** 2), WALK)
+    low = wide.lower(0.25)
+    np.testing.assert_allclose(low.seen.floor, wide.seen.floor / 16)
+    assert low.config.wall_roughness_m == pytest.approx(WALK.wall_roughness_m / 2)
+    assert low.config.object_roughness_m == pytest.approx(WALK.object_roughness_m / 2)
+    back = low.with_objects_of(wide)
+    assert back.config.object_roughness_m == WALK.object_roughness_m
+    assert back.config.wall_roughness_m == low.config.wall_roughness_m
 
 
 def test_a_share_of_the_floor_is_in_every_covariance() -> None:
