@@ -150,7 +150,7 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         if coverage < LEAST_COVERAGE or nees > MOST_NEES:
             told.append(f"{100 * coverage:.0f} % of {name}" + (f" (NEES {nees:.2g})" if nees > 1 else ""))
     if told:
-        mend = 'use a cost that bears outliers (Huber, Student-t); method "auto" errs less than "power"'
+        mend = 'in your own code, use a cost that bears outliers (Huber, Student-t); method "auto" errs least'
         yield (
             f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, in dense scenes "
             f"many, err more than they state. To do: {mend}"
