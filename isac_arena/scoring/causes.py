@@ -19,7 +19,7 @@ THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold, noise decides whether a 
 RIGHT_SURFACE = "right surface, wrong path"
 LEVEL = ("floor", "ceiling")  # no plan shows in place what they scattered
 PHANTOM = "phantom"  # a closed contour where no object stands
-LEVEL_WORDS = "off floor or ceiling, at a wrong place"
+LEVEL_WORDS = "off floor or ceiling, in place only with elevations"
 OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
 
 
