@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 from collections.abc import Callable
+from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
@@ -57,20 +58,22 @@ def imported_function(name: str) -> Callable[..., object]:
     return found
 
 
+def _found(name: str) -> ModuleSpec | None:
+    """What Python finds of the top-level module or package of a function; None where it finds none."""
+    try:
+        return importlib.util.find_spec(full_name(name).partition(":")[0].partition(".")[0])
+    except (ValueError, ImportError):
+        return None
+
+
 def can_be_found(name: str) -> bool:
     """Whether the module or package of a function is where Python looks for modules."""
-    try:
-        return importlib.util.find_spec(full_name(name).partition(":")[0].partition(".")[0]) is not None
-    except (ValueError, ImportError):
-        return False
+    return _found(name) is not None
 
 
 def function_source(name: str) -> str:
     """Hash of the source of the top-level module or package of a function; empty where unknown."""
-    try:
-        spec = importlib.util.find_spec(full_name(name).partition(":")[0].partition(".")[0])
-    except (ValueError, ImportError):
-        return ""
+    spec = _found(name)
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return ""
     origin = Path(spec.origin)

@@ -109,9 +109,8 @@ def plan_grid(prepared: BoundInputs, step_m: float | None = None, n_links: int =
     to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
     is_free = scene.is_free(places) & (to_tx >= MIN_TX_DISTANCE_M)
     outside = is_free & ~within_walls(scene, places)
-    is_free[outside] = [
-        len(paths) > 0 for paths in prepared.solver.paths(places[outside])
-    ]  # through a wall, or over
+    reached = prepared.solver.paths(places[outside])  # through a wall, or over it
+    is_free[outside] = [len(paths) > 0 for paths in reached]
     return PlanGrid(x, y, is_free, places[is_free], prepared.solver)
 
 
