@@ -47,7 +47,7 @@ from sim.simulate import OtherTx, clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
 
 if TYPE_CHECKING:
-    from isac_arena.scoring.stages.channel import TrueStop
+    from isac_arena.scoring.true_stop import TrueStop
 
 Channel = Sequence[ChannelEstimate]
 Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
@@ -246,7 +246,7 @@ class CampaignRun:
     def true_stops(self, truths: Iterable[Truth]) -> Iterator[TrueStop]:
         """The truths prepared for scoring, each with the view of its link."""
         from isac_arena.scoring.link_view import link_view  # noqa: PLC0415
-        from isac_arena.scoring.stages.channel import true_stop  # noqa: PLC0415
+        from isac_arena.scoring.true_stop import true_stop  # noqa: PLC0415
 
         views = [(significance(r.config, r.link), link_view(r.config, r.link, r.scene)) for r in self.links]
         for truth in truths:

@@ -25,7 +25,7 @@ from isac_arena.scoring.record import (
     StopScores,
 )
 from isac_arena.scoring.score import Scores
-from isac_arena.scoring.stages.channel import TrueStop, score_stop, significant_alone, true_stop
+from isac_arena.scoring.stages.channel import score_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.contours import contour_metrics, score_contours
 from isac_arena.scoring.stages.maps import map_metrics, score_ips
@@ -34,6 +34,7 @@ from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, published
 from isac_arena.scoring.stages.scene import scene_metrics, score_scene
 from isac_arena.scoring.stages.shapes import ShapeErrors, contour_points_m, shape_errors, shape_metrics
 from isac_arena.scoring.stages.tracks import objects_in_view, score_tracks, track_metrics
+from isac_arena.scoring.true_stop import TrueStop, significant_alone, true_stop
 from scenes.record import FloatArray, concatenate, empty_record
 from scenes.scene import Scene, SceneObject
 from sim.truth import Truth

@@ -20,8 +20,8 @@ from isac_arena.insight.bounds.position import PlanGrid
 from isac_arena.report.figures.bound import BoundMap
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import LinkView, link_view
-from isac_arena.scoring.stages.channel import TrueStop, significant_alone, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds
+from isac_arena.scoring.true_stop import TrueStop, significant_alone, true_stop
 from scenes.pose import Pose
 from sim.links import link_stops
 from sim.propagation.propagator import Propagator

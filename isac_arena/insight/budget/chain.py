@@ -28,7 +28,8 @@ from isac_arena.insight.budget.outcome import (
 )
 from isac_arena.insight.budget.stages import Part, Stage
 from isac_arena.scoring.provenance import cluster_origin
-from isac_arena.scoring.stages.channel import TrueStop, score_stop
+from isac_arena.scoring.stages.channel import score_stop
+from isac_arena.scoring.true_stop import TrueStop
 from scenes.record import FloatArray, IntArray, TextArray
 
 UPSTREAM = (Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION, Stage.POSE)

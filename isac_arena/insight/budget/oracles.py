@@ -10,7 +10,7 @@ import numpy as np
 from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate
 from estimation.slam.record import IncidencePoints
 from isac_arena.scoring.record import PathKind
-from isac_arena.scoring.stages.channel import TrueStop
+from isac_arena.scoring.true_stop import TrueStop
 from scenes.record import BoolArray, FloatArray, IntArray, TextArray, concatenate
 from scenes.scene import Scene
 

@@ -8,8 +8,8 @@ import shapely
 
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import PoseEstimates, SolveStatus
-from isac_arena.scoring.stages.channel import TrueStop
 from isac_arena.scoring.stages.shapes import SEEN_MARGIN_RAD, contour_points_m, seen_samples
+from isac_arena.scoring.true_stop import TrueStop
 from scenes.contours import Contour
 from scenes.record import BoolArray, FloatArray, Record, TextArray, array
 from scenes.scene import Scene

@@ -24,7 +24,7 @@ from isac_arena.insight.budget.physics import observe_without, present_physics, 
 from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
 from isac_arena.progress import progress_bar
-from isac_arena.scoring.stages.channel import TrueStop, true_stop
+from isac_arena.scoring.true_stop import TrueStop, true_stop
 from isac_arena.user_functions.config import with_functions
 from isac_arena.user_functions.room import check_functions
 from scenes.scene import Scene

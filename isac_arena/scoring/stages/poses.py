@@ -22,7 +22,7 @@ from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
 from isac_arena.scoring.record import PathKind, PoseScores
-from isac_arena.scoring.stages.channel import TrueStop
+from isac_arena.scoring.true_stop import TrueStop
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, concatenate, empty_record
 from scenes.scene import Scene

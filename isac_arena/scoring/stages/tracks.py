@@ -13,7 +13,7 @@ from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.sets import gospa
 from isac_arena.scoring.metrics.statistics import mean, ratio, rms
 from isac_arena.scoring.record import TrackScores
-from isac_arena.scoring.stages.channel import TrueStop
+from isac_arena.scoring.true_stop import TrueStop
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.scene import Scene, SceneObject
 

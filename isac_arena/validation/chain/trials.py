@@ -16,8 +16,8 @@ from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.metrics.statistics import maximum, rms
 from isac_arena.scoring.record import PathKind, PoseScores
-from isac_arena.scoring.stages.channel import TrueStop, significant_alone, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds, score_poses
+from isac_arena.scoring.true_stop import TrueStop, significant_alone, true_stop
 from isac_arena.validation.chain.campaigns import ChainOptions, room_campaign
 from isac_arena.validation.chain.statistics import GROSS_M, ChainStops, chain_stops
 from isac_arena.validation.measurement import InfoTable, Measured, Measurement, at_least, at_most

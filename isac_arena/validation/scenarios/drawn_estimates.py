@@ -7,8 +7,8 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_estimate
 from isac_arena.scoring.config import DEFAULT_SEPARABILITY
 from isac_arena.scoring.record import PathKind
-from isac_arena.scoring.stages.channel import TrueStop, seen_by
 from isac_arena.scoring.stop_bounds import observed_kinds
+from isac_arena.scoring.true_stop import TrueStop, seen_by
 from isac_arena.validation.scenarios.estimates import PARAMETERS
 from scenes.record import BoolArray, FloatArray, IntArray
 

@@ -15,7 +15,7 @@ from estimation.tracks.record import EchoSurvey, Tracks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.link_view import LinkView, link_view
-from isac_arena.scoring.stages.channel import device_parameters
+from isac_arena.scoring.true_stop import device_parameters
 from isac_arena.validation.scenarios.estimates import made_estimate, made_poses, true_states
 from isac_arena.validation.scenarios.paths import over_points
 from scenes.contours import Circle, Polyline

@@ -12,9 +12,10 @@ from isac_arena.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause
 from isac_arena.scoring.config import DEFAULT_GATE, Significance
 from isac_arena.scoring.link_view import Cells, LinkView
 from isac_arena.scoring.record import PathStatus
-from isac_arena.scoring.stages.channel import TrueStop, score_stop, true_stop
+from isac_arena.scoring.stages.channel import score_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
+from isac_arena.scoring.true_stop import TrueStop, true_stop
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scenarios.estimates import moved_poses, shift_estimate, true_states
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign

@@ -15,7 +15,7 @@ from isac_arena.insight.budget.outcome import lit_objects
 from isac_arena.insight.budget.record import OUTCOMES, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Stage, coalitions, orders
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.stages.channel import true_stop
+from isac_arena.scoring.true_stop import true_stop
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import generators
 from isac_arena.validation.scenarios.estimates import shift_estimate

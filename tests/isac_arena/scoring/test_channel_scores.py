@@ -5,8 +5,9 @@ import pytest
 
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PathKind, PathStatus
-from isac_arena.scoring.stages.channel import score_stop, significant_paths, true_stop
+from isac_arena.scoring.stages.channel import score_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
+from isac_arena.scoring.true_stop import significant_paths, true_stop
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)

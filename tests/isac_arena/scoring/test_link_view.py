@@ -10,8 +10,9 @@ from isac_arena.scoring.causes import Cause
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import Cells, link_view
 from isac_arena.scoring.record import PathStatus
-from isac_arena.scoring.stages.channel import score_stop, true_stop
+from isac_arena.scoring.stages.channel import score_stop
 from isac_arena.scoring.stages.poses import pose_bounds
+from isac_arena.scoring.true_stop import true_stop
 from isac_arena.validation.scenarios.perfect_campaign import DIFFUSE
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from sim.config import ArrayConfig, WaveformConfig

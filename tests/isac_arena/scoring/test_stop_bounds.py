@@ -12,9 +12,10 @@ from isac_arena.scoring.causes import Cause
 from isac_arena.scoring.config import DEFAULT_SEPARABILITY, Significance
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.record import PathStatus
-from isac_arena.scoring.stages.channel import score_stop, seen_by, true_stop
+from isac_arena.scoring.stages.channel import score_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stop_bounds import CONES, diffuse_scores, stop_information
+from isac_arena.scoring.true_stop import seen_by, true_stop
 from isac_arena.validation.scenarios.estimates import shift_estimate
 from isac_arena.validation.scenarios.perfect_campaign import DIFFUSE, SMALL_LINK
 from scenes.record import concatenate

@@ -11,7 +11,7 @@ from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.chain import score_channel
 from isac_arena.scoring.link_view import link_view
-from isac_arena.scoring.stages.channel import true_stop
+from isac_arena.scoring.true_stop import true_stop
 from isac_arena.validation import case_runs
 from isac_arena.validation.halls.check import check_halls, hall_rows
 from isac_arena.validation.halls.run import HallResult

@@ -12,7 +12,7 @@ from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import lit_objects
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.stages.channel import true_stop
+from isac_arena.scoring.true_stop import true_stop
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
