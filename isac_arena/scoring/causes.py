@@ -63,7 +63,7 @@ GHOST_CAUSES = (
 class Evidence:
     """Data of one stop for the tests of causes. Leaked powers and beam losses are NaN without a view of the link.
 
-    `distance` (estimate, true) is the largest of the three errors in units of the gate: 1 at the edge of the gate.
+    `distance` (estimate, true) is the largest of the errors in units of the gate: 1 at the edge of the gate.
     """
 
     status: IntArray  # (estimate,) PathStatus

@@ -9,7 +9,8 @@ from scenes.record import FloatArray
 class Gate(BaseModel):
     """Largest error in each parameter at which an estimated path can still be assigned to a true path.
 
-    The defaults are about one resolution cell of 400 MHz and of a 16-element row.
+    The defaults are about one resolution cell of 400 MHz and of a 16-element row. The limit of an azimuth is also
+    that of the elevation at the same device.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -20,8 +21,13 @@ class Gate(BaseModel):
 
     @property
     def half_width(self) -> FloatArray:
-        """Limits (3,) in (s, rad, rad)."""
+        """Limits (3,) in (s, rad, rad) of delay and both azimuths."""
         return np.array([self.delay_ns * 1e-9, np.deg2rad(self.aod_deg), np.deg2rad(self.aoa_deg)])
+
+    @property
+    def half_width_in_space(self) -> FloatArray:
+        """Limits (5,) in (s, rad, rad, rad, rad): the same, then both elevations."""
+        return self.half_width[[0, 1, 2, 1, 2]]
 
 
 class Significance(BaseModel):

@@ -100,7 +100,7 @@ class SignificantPaths(Record):
 class StopScores(Record):
     """GOSPA between the estimated and the significant true paths of every stop; a row for each of several TX.
 
-    Order 2, cutoff 1; the base distance is the root mean square of the three errors in units of the gate. Weak
+    Order 2, cutoff 1; the base distance is the root mean square of the errors in units of the gate. Weak
     estimates are not counted.
     """
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate
+from isac_arena.scoring.association import reported_elevations
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.provenance import PathOrigin, path_origin
@@ -22,7 +23,7 @@ class TrueStop:
     truth: Truth
     tx_pose: Pose  # the nominal one
     origin: PathOrigin
-    parameters: FloatArray  # (path, 3) in (s, rad, rad): azimuths, or cone angles where `seen_by` says so
+    parameters: FloatArray  # (path, 3 or 5) in s and rad, as `seen_by` has them: azimuths or cones, elevations
     cone_rad: FloatArray  # (path, 2) cone angles of departure and arrival; azimuths without a view of the link
     power_dbm: FloatArray  # (path,)
     significant: IntArray  # rows of the significant paths
@@ -94,16 +95,21 @@ def true_stop(
 def seen_by(stop: TrueStop, estimate: ChannelEstimate) -> TrueStop:
     """The stop with parameters and bounds in the angles that an estimate reports: cone against cone.
 
-    Directions behind all panels of a device are mirrored to the front if the view is known.
+    With elevations where the estimate has them; those of a device that reports none are NaN. Directions behind all
+    panels of a device are mirrored to the front if the view is known.
     """
     kinds = kinds_of(estimate)
     is_cone = np.array([kind == AngleKind.CONE for kind in kinds])
     angles = np.where(is_cone, stop.cone_rad, stop.parameters[:, 1:])
     covariance = stop.covariance if stop.bounds is None else stop.bounds.in_kinds(stop.bounds.joint, kinds)
     parameters = np.column_stack([stop.parameters[:, 0], angles])
-    return replace(
-        stop, parameters=parameters if stop.view is None else stop.view.in_front(parameters), covariance=covariance
-    )
+    if stop.view is not None:
+        parameters = stop.view.in_front(parameters)
+    if (has_elevation := np.isfinite(reported_elevations(estimate)[0]).any(axis=0)).any():
+        paths = stop.truth.paths
+        elevation = np.stack([paths.aod_elevation_rad, paths.aoa_elevation_rad], axis=1)
+        parameters = np.column_stack([parameters, np.where(has_elevation, elevation, np.nan)])
+    return replace(stop, parameters=parameters, covariance=covariance)
 
 
 def significant_alone(stop: TrueStop) -> TrueStop:

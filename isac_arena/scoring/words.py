@@ -25,7 +25,7 @@ WORDS = {
     "by the truth, while is_weak of a channel estimate is a mark by the estimator",
     "false contour": "a ghost or a phantom",
     "false": "an estimate that no true path explains",
-    "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",
+    "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, and 5 deg in each angle",
     "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",
     "GOSPA": "distance of two sets: the errors of matched members, and a penalty for each missed or false one",
     "Hausdorff distance": "the largest distance from a point of either contour to the other contour",

@@ -5,8 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel.record import ChannelEstimate, EstimateStatus
-from isac_arena.scoring.association import assign, inside_gate, parameter_errors, path_gospa
+from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate, EstimateStatus
+from isac_arena.scoring.association import (
+    GatedPaths,
+    assign,
+    gated_paths,
+    gates_off,
+    inside_gate,
+    parameter_errors,
+    path_gospa,
+)
 from isac_arena.scoring.causes import WEAK_MARGIN_DB, Evidence, false_causes, miss_causes, weak_causes
 from isac_arena.scoring.config import DEFAULT_GATE, Gate
 from isac_arena.scoring.link_view import LinkView
@@ -37,23 +45,23 @@ def score_stop(
     """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
     estimate = estimate if stop.view is None else _in_front(estimate, stop.view)
     received_dbm = _received_dbm(stop, estimate)
-    measured = estimate.plane_parameters
+    measured = gated_paths(estimate, gate)
     seen = seen_by(stop, estimate)
-    match = _assigned(seen, received_dbm, measured, gate)
+    match = _assigned(seen, received_dbm, measured)
     true_path = np.append(stop.significant, -1)[match]
     status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
     for index in np.flatnonzero(true_path < 0):
-        true_path[index] = _weak_origin(seen, measured[index], float(received_dbm[index]), gate)
+        true_path[index] = _weak_origin(seen, measured.take(np.array([index])), float(received_dbm[index]))
     unexplained = np.flatnonzero(true_path < 0)
     true_path[unexplained] = _field_origin(seen, estimate.take("path", unexplained), received_dbm[unexplained])
     status[(status == PathStatus.FALSE) & (true_path >= 0)] = PathStatus.WEAK
     detected = np.isin(np.arange(len(stop.significant)), match)
-    evidence = _evidence(seen, replace(estimate, power_dbm=received_dbm), measured, status, detected, gate)
+    evidence = _evidence(seen, replace(estimate, power_dbm=received_dbm), measured, status, detected)
     expected = seen.parameters[stop.significant][detected | evidence.is_separable]
     return (
-        _path_scores(seen, estimate, measured, true_path, evidence),
+        _path_scores(seen, estimate, true_path, evidence),
         _significant_scores(stop, seen, kinds_of(estimate), evidence),
-        _stop_scores(stop, measured[status != PathStatus.WEAK], expected, gate),
+        _stop_scores(stop, measured.take(status != PathStatus.WEAK), expected),
     )
 
 
@@ -64,8 +72,8 @@ def _received_dbm(stop: TrueStop, estimate: ChannelEstimate) -> FloatArray:
     return estimate.power_dbm - stop.view.converter_gain_db(stop.truth, stop.view.estimated_cells(estimate))
 
 
-def _assigned(stop: TrueStop, estimate_dbm: FloatArray, measured: FloatArray, gate: Gate) -> IntArray:
-    """Index (estimate,) of the significant path assigned to each estimate (estimate, 3), -1 for none.
+def _assigned(stop: TrueStop, estimate_dbm: FloatArray, measured: GatedPaths) -> IntArray:
+    """Index (estimate,) of the significant path assigned to each estimate, -1 for none.
 
     An estimate may rather be a weaker specular path that has the power to explain it.
     """
@@ -73,17 +81,17 @@ def _assigned(stop: TrueStop, estimate_dbm: FloatArray, measured: FloatArray, ga
     candidates = np.append(stop.significant, weaker)
     explains = stop.power_dbm[candidates] >= estimate_dbm[:, None] - WEAK_MARGIN_DB
     explains[:, : len(stop.significant)] = True
-    match = assign(measured, stop.parameters[candidates], gate, explains)
+    match = assign(measured.parameters, stop.parameters[candidates], measured.half_width, explains)
     return np.where(match < len(stop.significant), match, -1)
 
 
-def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, gate: Gate) -> int:
+def _weak_origin(stop: TrueStop, measured: GatedPaths, estimate_dbm: float) -> int:
     """The strongest weak or diffuse path that explains an estimate, -1 for none.
 
     The power of all such paths inside the gate must reach the power of the estimate minus the margin. The path
     belongs to the object that contributes the most power.
     """
-    near = inside_gate(parameter_errors(measured, stop.parameters), gate)
+    near = inside_gate(parameter_errors(measured.parameters, stop.parameters), measured.half_width)
     near[stop.significant] = False
     candidates = np.flatnonzero(near)
     power_mw = 10 ** (stop.power_dbm[candidates] / 10)
@@ -111,18 +119,12 @@ def _field_origin(stop: TrueStop, estimate: ChannelEstimate, received_dbm: Float
 
 
 def _evidence(
-    stop: TrueStop,
-    estimate: ChannelEstimate,
-    measured: FloatArray,
-    status: IntArray,
-    detected: BoolArray,
-    gate: Gate,
+    stop: TrueStop, estimate: ChannelEstimate, measured: GatedPaths, status: IntArray, detected: BoolArray
 ) -> Evidence:
     """The data of one stop that the causes follow from."""
     own, n_true = stop.parameters[stop.significant], len(stop.significant)
-    half_width = gate.half_width
     diffuse = np.flatnonzero(stop.truth.paths.is_diffuse)
-    around = inside_gate(parameter_errors(own[:, None], stop.parameters[diffuse][None]), gate)
+    around = inside_gate(parameter_errors(own[:, None], stop.parameters[diffuse][None]), measured.gate)
     diffuse_mw = around @ 10 ** (stop.power_dbm[diffuse] / 10)
     leaked, crosstalk = np.full((len(estimate), n_true), np.nan), np.full((n_true, n_true), np.nan)
     beam_loss = np.full(n_true, np.nan)
@@ -135,8 +137,8 @@ def _evidence(
     strongest_dbm = true_dbm.max(initial=-np.inf)
     return Evidence(
         status=status,
-        distance=np.abs(parameter_errors(measured[:, None], own[None]) / half_width).max(axis=2),
-        true_distance=np.abs(parameter_errors(own[:, None], own[None]) / half_width).max(axis=2),
+        distance=gates_off(measured.parameters, own, measured.half_width),
+        true_distance=gates_off(own, own, measured.gate),
         is_detected=detected,
         is_separable=stop.is_separable,
         estimate_dbm=estimate.power_dbm,
@@ -152,14 +154,14 @@ def _evidence(
     )
 
 
-def _path_scores(
-    stop: TrueStop, estimate: ChannelEstimate, measured: FloatArray, true_path: IntArray, evidence: Evidence
-) -> PathScores:
+def _path_scores(stop: TrueStop, estimate: ChannelEstimate, true_path: IntArray, evidence: Evidence) -> PathScores:
     status = evidence.status
     detected = status == PathStatus.DETECTED
     matched = true_path[detected]
     error = np.full((len(estimate), 3), np.nan)
-    error[detected] = parameter_errors(measured[detected], stop.parameters[matched])
+    error[detected] = parameter_errors(
+        estimate.plane_parameters[detected], stop.parameters[matched, :MIN_PARAMETERS]
+    )
     power_error_db = np.full(len(estimate), np.nan)
     power_error_db[detected] = estimate.power_dbm[detected] - stop.power_dbm[matched]
     vertex_m, height_m = np.full((len(estimate), 2), np.nan), np.full(len(estimate), np.nan)
@@ -225,8 +227,8 @@ def _significant_scores(stop: TrueStop, seen: TrueStop, kinds: Kinds, evidence: 
     )
 
 
-def _stop_scores(stop: TrueStop, measured: FloatArray, expected: FloatArray, gate: Gate) -> StopScores:
+def _stop_scores(stop: TrueStop, measured: GatedPaths, expected: FloatArray) -> StopScores:
     """GOSPA against the `expected` paths: those that are separable, and others that were detected."""
-    found = path_gospa(measured, expected, gate)
+    found = path_gospa(measured.parameters, expected, measured.half_width)
     row = (stop.truth.stop, found.value, found.localisation, found.missed, found.false)
     return StopScores(*(np.array([value]) for value in row))

@@ -167,7 +167,7 @@ def _assignment_excess(rng: np.random.Generator, n: int, m: int) -> float:
     estimate, truth = (rng.normal(0, 1, (k, 3)) * gate.half_width for k in (n, m))
     error = (estimate[:, None] - truth[None]) / gate.half_width
     cost = np.where((np.abs(error) <= 1).all(axis=2), np.linalg.norm(error, axis=2), np.sqrt(3.0))
-    found: IntArray = assign(estimate, truth, gate)
+    found: IntArray = assign(estimate, truth, gate.half_width)
     paired = np.flatnonzero(found >= 0)
     unpaired = min(n, m) - len(paired)
     return float(cost[paired, found[paired]].sum() + np.sqrt(3.0) * unpaired - _cheapest(cost))

@@ -22,7 +22,8 @@ def brute_force_cost(estimate, truth):
     slots = [*range(len(truth)), *[-1] * len(estimate)]
     for choice in set(permutations(slots, len(estimate))):
         allowed = all(
-            j < 0 or inside_gate(parameter_errors(estimate[i], truth[j]), GATE) for i, j in enumerate(choice)
+            j < 0 or inside_gate(parameter_errors(estimate[i], truth[j]), GATE.half_width)
+            for i, j in enumerate(choice)
         )
         if allowed:
             best = min(best, total_cost(choice, estimate, truth))
@@ -35,11 +36,11 @@ def test_assignment_is_the_best_of_all(seed, n_estimates, n_truths):
     rng = np.random.default_rng(seed)
     estimate = rng.uniform(-1.2, 1.2, (n_estimates, 3)) * GATE.half_width
     truth = rng.uniform(-1.2, 1.2, (n_truths, 3)) * GATE.half_width
-    match = assign(estimate, truth, GATE)
+    match = assign(estimate, truth, GATE.half_width)
     used = match[match >= 0]
     assert len(set(used.tolist())) == len(used)
     for i, j in enumerate(match):
-        assert j < 0 or inside_gate(parameter_errors(estimate[i], truth[j]), GATE)
+        assert j < 0 or inside_gate(parameter_errors(estimate[i], truth[j]), GATE.half_width)
     np.testing.assert_allclose(total_cost(match, estimate, truth), brute_force_cost(estimate, truth))
 
 
@@ -47,25 +48,25 @@ def test_angles_wrap_and_delays_do_not():
     estimate = np.array([[10e-9, np.pi - 0.01, -np.pi + 0.01]])
     truth = np.array([[10e-9, -np.pi + 0.01, np.pi - 0.01]])
     np.testing.assert_allclose(parameter_errors(estimate, truth)[0], [0, -0.02, 0.02], atol=1e-12)
-    assert assign(estimate, truth, GATE).tolist() == [0]
-    assert assign(estimate + np.array([4e-9, 0, 0]), truth, GATE).tolist() == [-1]
+    assert assign(estimate, truth, GATE.half_width).tolist() == [0]
+    assert assign(estimate + np.array([4e-9, 0, 0]), truth, GATE.half_width).tolist() == [-1]
 
 
 def test_a_good_match_is_not_given_up_for_two_poor_ones():
     step = np.array([0.9, 0.9, 0.9]) * GATE.half_width
     truth = np.array([0 * step, step])
     estimate = np.array([0 * step, -step])
-    assert assign(estimate, truth, GATE).tolist() == [0, -1]
+    assert assign(estimate, truth, GATE.half_width).tolist() == [0, -1]
 
 
 def test_a_chain_of_poor_matches_does_not_replace_good_ones():
     step = np.array([0.5, 0.5, 0.5]) * GATE.half_width
     truth = np.arange(3)[:, None] * step
     estimate = np.arange(1, 4)[:, None] * step  # two on true paths, and one more
-    assert assign(estimate, truth, GATE).tolist() == [1, 2, -1]
+    assert assign(estimate, truth, GATE.half_width).tolist() == [1, 2, -1]
 
 
 def test_a_pair_that_is_not_possible_is_not_assigned():
     both = np.zeros((2, 3))
     possible = np.array([[False, True], [False, False]])
-    assert assign(both, both, GATE, possible).tolist() == [1, -1]
+    assert assign(both, both, GATE.half_width, possible).tolist() == [1, -1]

@@ -143,3 +143,74 @@ def test_nothing_estimated_is_valid(stop, estimate):
     assert values["channel.missed_per_stop"] == 6
     assert np.isnan(values["channel.delay.rmse_ns"])
     assert (significant.kind == [PathKind.LOS] + [PathKind.SINGLE_BOUNCE] * 4 + [PathKind.MULTI_BOUNCE]).all()
+
+
+def in_space(estimate, elevation_deg, std_deg=1.0):
+    """The estimate with these elevations (path, 2) of departure and arrival and their stated deviation."""
+    variance = np.broadcast_to(np.square(np.deg2rad(std_deg)), (len(estimate), 2))
+    covariance = np.zeros((len(estimate), 5, 5))
+    covariance[:, :3, :3] = estimate.covariance
+    covariance[:, [3, 4], [3, 4]] = variance
+    aod_rad, aoa_rad = np.deg2rad(elevation_deg).T
+    return replace(estimate, covariance=covariance, aod_elevation_rad=aod_rad, aoa_elevation_rad=aoa_rad)
+
+
+@pytest.fixture
+def above_and_below(campaign, true_power):
+    """Scores of one estimate against two true paths alike in delay, azimuths and power, 30 deg up and down."""
+    truth = campaign.truths[4]
+
+    def score(elevation_deg, std_deg=1.0, limits=LIMITS):
+        rays = truth.paths.take("path", [1, 1])
+        sign_rad = np.deg2rad(30.0) * np.array([1.0, -1.0])
+        rays = replace(rays, aod_elevation_rad=sign_rad, aoa_elevation_rad=sign_rad)
+        power = np.repeat(true_power(truth)[1], 2)
+        stop = true_stop(replace(truth, paths=rays), campaign.scene.tx, power, limits, None)
+        one = replace(
+            campaign.results.channel[4].take("path", [1]),
+            delay_s=stop.parameters[:1, 0],
+            aod_azimuth_rad=stop.parameters[:1, 1],
+            aoa_azimuth_rad=stop.parameters[:1, 2],
+            power_dbm=power[:1],
+        )
+        return score_stop(stop, in_space(one, [[elevation_deg, elevation_deg]], std_deg))
+
+    return score
+
+
+@pytest.mark.parametrize(("elevation_deg", "path"), [(29.0, 0), (-29.0, 1)])
+def test_elevations_tell_a_path_from_above_from_one_from_below(above_and_below, elevation_deg, path):
+    paths, significant, _ = above_and_below(elevation_deg)
+    assert paths.status.tolist() == [PathStatus.DETECTED]
+    assert paths.true_path.tolist() == [path]
+    assert significant.is_detected.tolist() == [path == 0, path == 1]
+
+
+@pytest.mark.parametrize(("elevation_deg", "path"), [(29.0, 0), (-29.0, 1)])
+def test_elevations_tell_what_weak_energy_a_path_stems_from(above_and_below, elevation_deg, path):
+    """Neither is significant, so each explains the estimate by its power alone."""
+    deaf = Significance(dynamic_range_db=28.0, noise_threshold_dbm=100.0)
+    paths, _, _ = above_and_below(elevation_deg, limits=deaf)
+    assert paths.status.tolist() == [PathStatus.WEAK]
+    assert paths.true_path.tolist() == [path]
+
+
+def test_an_elevation_between_two_paths_is_neither_unless_it_says_so(above_and_below):
+    sure, unsure = above_and_below(15.0), above_and_below(15.0, std_deg=6.0)
+    assert sure[0].status.tolist() == [PathStatus.FALSE]
+    assert sure[2].false > 0
+    assert unsure[0].true_path.tolist() == [0]  # 2.5 of its deviations off; the other is 7.5 off
+
+
+def test_an_elevation_without_deviation_counts_as_not_estimated(campaign, stop, estimate):
+    wrong = np.full((len(estimate), 2), 60.0)
+    for std_deg in (np.nan, np.inf):
+        for found, plain in zip(stop(in_space(estimate, wrong, std_deg)), stop(), strict=True):
+            np.testing.assert_equal(vars(found), vars(plain))
+
+
+def test_an_elevation_at_one_device_counts_there_alone(stop, estimate):
+    half = in_space(estimate, np.zeros((len(estimate), 2)), np.array([1.0, np.nan]))
+    assert (stop(half)[0].status == PathStatus.DETECTED).all()
+    off = in_space(estimate, np.tile([40.0, np.nan], (len(estimate), 1)), np.array([1.0, np.nan]))
+    assert not stop(off)[1].is_detected.any()
