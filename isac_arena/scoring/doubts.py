@@ -16,6 +16,7 @@ LEAST_COVERAGE = 0.88  # of 95 % regions: the bar of the worst random hall
 LEAST_SIGHT = 0.75  # of the stops with a right decision on the line of sight: so few are said
 MOST_NEES = 4.0  # 1 where covariances are right: errors of twice what is stated
 SMALL_NEES = 0.5  # stated deviations of 1.4 times the errors
+LEAST_SHARE = 0.5  # of the points of a map: stated errors of fewer are not called too large for all
 TEST_LEVEL = 0.01  # of the chi-square test that a NEES is below 1: several are tested
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
@@ -29,16 +30,20 @@ SHOWN_BY = (
 MORE_STOPS = "more stops (n_stops of the walk)"
 STATED = {
     "channel": "paths",
+    "mapping.ip_to_surface": "points of mapping across their surface",
     "mapping.ip_position": "points of mapping",
     "mapping.ip_height": "heights of points of mapping",
+    "slam.ip_to_surface": "points of SLAM across their surface",
     "slam.ip_position": "points of SLAM",
     "slam.ip_height": "heights of points of SLAM",
 }
 STATED_POSES = {"slam": "states of SLAM (position, heading, clock)", "slam.height": "receiver heights of SLAM"}
 FREEDOM = {  # numbers that one squared error is over
     "channel": 3,
+    "mapping.ip_to_surface": 1,
     "mapping.ip_position": 2,
     "mapping.ip_height": 1,
+    "slam.ip_to_surface": 1,
     "slam.ip_position": 2,
     "slam.ip_height": 1,
     "slam": 4,
@@ -148,7 +153,9 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
     for key, name in STATED.items():
         coverage, nees = (values.get(f"{key}.{score}", np.nan) for score in ("coverage95", "nees"))
         if coverage < LEAST_COVERAGE or nees > MOST_NEES:
-            told.append(f"{100 * coverage:.0f} % of {name}" + (f" (NEES {nees:.2g})" if nees > 1 else ""))
+            notes = [f"NEES {nees:.2g}"] * (nees > 1) + [_share_text(values, key)]
+            note = ", ".join(filter(None, notes))
+            told.append(f"{100 * coverage:.0f} % of {name}" + (f" ({note})" if note else ""))
     if told:
         mend = 'in your own code, use a cost that bears outliers (Huber, Student-t); method "auto" errs least'
         yield (
@@ -157,12 +164,25 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         )
 
 
+def _judged(values: Mapping[str, float], key: str) -> tuple[float, float]:
+    """How many points a NEES of a map rests on, and how many points the map has; NaN for other scores."""
+    of_map, _, is_of_points = key.partition(".ip_")
+    whole = values.get(f"{of_map}.ips", np.nan) if is_of_points else np.nan
+    return values.get(f"{key}.nees.count", np.nan), whole
+
+
+def _share_text(values: Mapping[str, float], key: str) -> str:
+    judged, whole = _judged(values, key)
+    return f"judged at {judged:.0f} of {whole:.0f}" if np.isfinite([judged, whole]).all() else ""
+
+
 def _too_large_doubt(values: Mapping[str, float]) -> Iterator[str]:
     """Where covariances are too large, by more than chance explains.
 
     Of points and states a stop counts as one sample, because they share the errors of its pose: the mean of their
     NEES varies less than a single one. Of paths every detected one counts. Stops count as independent; what all
-    stops of a walk share is not tested.
+    stops of a walk share is not tested. Points count where at least `LEAST_SHARE` of those of the map are judged:
+    detected paths err least, and say nothing of the weak ones that most points may come from.
     """
     from estimation.distributions import chi_square_quantile  # noqa: PLC0415  (brings scipy)
 
@@ -173,9 +193,15 @@ def _too_large_doubt(values: Mapping[str, float]) -> Iterator[str]:
         nees, coverage = (values.get(f"{key}.{score}", np.nan) for score in ("nees", "coverage95"))
         if not (n_samples > 0 and nees < SMALL_NEES and coverage >= LEAST_COVERAGE):
             continue
+        judged, whole = _judged(values, key)
+        if judged < LEAST_SHARE * whole:
+            continue
         freedom = FREEDOM[key] * n_samples
         if nees * freedom < chi_square_quantile(TEST_LEVEL, freedom):
-            told.append(f"{name} (NEES {nees:.2g}, {100 * coverage:.0f} % inside their 95 % regions)")
+            inside = f"{100 * coverage:.0f} % inside their 95 % regions"
+            told.append(
+                f"{name} ({', '.join(filter(None, [f'NEES {nees:.2g}', inside, _share_text(values, key)]))})"
+            )
     if told:
         yield (
             f"stated errors are too large: {', '.join(told)}. The NEES is 1 where they are right; by a chi-square "

@@ -157,7 +157,13 @@ class IpScores(Record):
         doc="distance to the nearest true surface: in plan to objects and meshes; in height to floor or ceiling "
         "of points that stem from it, NaN where their height is unknown",
     )
-    position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
+    surface_nees: FloatArray = array(
+        "ip",
+        doc="square of that distance over the stated variance across the surface; NaN for no true single bounce",
+    )
+    position_error_m: FloatArray = array(
+        "ip", unit="m", doc="distance to the true IP, or NaN: a weak path is a sum of many, with no one true IP"
+    )
     nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")
     height_error_m: FloatArray = array("ip", unit="m", doc="height minus the true IP's; NaN in the plane")
     height_nees: FloatArray = array("ip", doc="squared height error over variance; NaN in the plane")

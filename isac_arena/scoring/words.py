@@ -32,6 +32,8 @@ WORDS = {
     "modified Hausdorff distance": "the mean distance of two contours, of both directions the larger",
     "RMS": "root of the mean square: a few far values, ghosts among them, outweigh all others",
     "NEES": "squared error over its stated covariance, 1 a dimension where covariances are right",
+    "across": "along the normal of the nearest true surface: that error is judged for points of weak paths too, "
+    "which have no one true incidence point",
     "coverage": "share of the truth inside the stated 95 % interval: .95 where intervals are right, 1 where they "
     "are too wide",
     "seen": "the part of a contour near the incidence points that it was fitted to",

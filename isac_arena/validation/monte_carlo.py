@@ -45,7 +45,7 @@ def consistency(nees: FloatArray, freedom: int) -> tuple[float, float]:
     """
     if not len(nees):
         return np.nan, np.nan
-    mean, cover = (metric.value for metric in consistency_metrics("", nees, freedom))
+    mean, cover, _ = (metric.value for metric in consistency_metrics("", nees, freedom))
     return mean, cover * float(np.isfinite(nees).mean())
 
 

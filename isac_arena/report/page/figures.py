@@ -144,10 +144,13 @@ def _channel_errors(tables: ScoreTables) -> ReportFigure:
 
 
 def _surface_distances(tables: ScoreTables) -> ReportFigure:
-    n_mapping, n_slam = tables.mapping.ips.is_inlier.sum(), tables.slam.ips.is_inlier.sum()
+    inliers = [one.ips.take("ip", one.ips.is_inlier) for one in (tables.mapping, tables.slam)]
+    whole = [len(ips.stop) for ips in inliers]
+    known = [np.isfinite(ips.position_error_m).sum() for ips in inliers]
     caption = (
-        f"IPs taken as single bounces, {n_mapping} in mapping and {n_slam} in SLAM. Left: distance to the nearest "
-        "true surface. Right: distance to the true incidence point, for paths that are single bounces."
+        f"IPs taken as single bounces, {whole[0]} in mapping and {whole[1]} in SLAM. Left: distance to the "
+        f"nearest true surface. Right: distance to the true incidence point of the {known[0]} and {known[1]} that "
+        "come from detected single bounces: others are sums of many weak paths, with no one true point."
     )
     figure = surface_cdf_figure(tables)
     return ReportFigure("cdf_ip_to_surface", "map", "Errors of the incidence points", caption, figure)

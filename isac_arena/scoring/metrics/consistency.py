@@ -42,11 +42,15 @@ def region_coverage(error: FloatArray, covariance: FloatArray, level: float = 0.
 
 
 def consistency_metrics(prefix: str, nees: FloatArray, freedom: int) -> list[Metric]:
-    """Mean NEES (n,) over its degrees of freedom, and share inside the 95 % region; NaN entries are ignored."""
+    """Mean NEES (n,) over its degrees of freedom, share inside the 95 % region, and the number of errors.
+
+    NaN entries are in none of them.
+    """
     inside = finite_entries(nees) <= chi_square_quantile(0.95, freedom)
     return [
         Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
         Metric(f"{prefix}.coverage95", mean(inside), "1", "info"),
+        Metric(f"{prefix}.nees.count", len(inside), "1", "info"),
     ]
 
 

@@ -13,6 +13,7 @@ from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 from scenes.scene import OBJECT_KINDS, Scene
 
 FOUND_DISTANCE_M = 0.5  # a point supports its object from this distance: objects usually stand farther apart
+SURFACE_STEP_M = 1e-4  # of the slopes of distances: well below all errors
 FOUND_POINTS = 3  # an object is found when this many points support it: two can be close by chance
 
 
@@ -24,6 +25,17 @@ def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
     for mesh in scene.clutter:
         nearest = np.minimum(nearest, mesh.plan_distance_m(points_m))
     return nearest
+
+
+def variance_across_m2(scene: Scene, points_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
+    """Variance (point,) in m^2 of points across the boundary that is nearest in the plan; NaN without any."""
+    here_m = surface_distance_m(scene, points_m)
+    here_m = np.where(np.isfinite(here_m), here_m, np.nan)
+    ahead_m = [surface_distance_m(scene, points_m + step) for step in SURFACE_STEP_M * np.eye(2)]
+    slope = np.stack(ahead_m, axis=1) - here_m[:, None]
+    length = np.linalg.norm(slope, axis=1, keepdims=True)
+    normal = np.divide(slope, length, out=np.full_like(slope, np.nan), where=length > 0)
+    return np.asarray(np.einsum("na,nab,nb->n", normal, covariance_m2, normal))
 
 
 def level_distance_m(scene: Scene, objects: TextArray, height_m: FloatArray) -> FloatArray:
@@ -44,20 +56,26 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
     row = ip_paths(ips, paths)
     error = ips.position_m - paths.vertex_m[row]
     height_error = ips.height_m - paths.vertex_height_m[row]
-    on_level = level_distance_m(scene, paths.object[row], ips.height_m)
-    in_plan = surface_distance_m(scene, ips.position_m)
+    source = paths.object[row]
+    is_level = np.isin(source, LEVEL)
+    height_variance_m2 = ips.height_covariance_m2[:, 2]
+    across_m = surface_distance_m(scene, ips.position_m)
+    across_m = np.where(is_level, level_distance_m(scene, source, ips.height_m), across_m)
+    variance_m2 = variance_across_m2(scene, ips.position_m, ips.covariance_m2)
+    across_m2 = np.where(source == "", np.nan, np.where(is_level, height_variance_m2, variance_m2))
     return IpScores(
         stop=ips.stop,
         path=ips.path,
         is_inlier=ips.is_inlier,
         label=label,
-        object=paths.object[row],
-        cause=point_causes(ips.is_inlier, paths.object[row], paths.kind[row], paths.cause[row]),
-        surface_distance_m=np.where(np.isin(paths.object[row], LEVEL), on_level, in_plan),
+        object=source,
+        cause=point_causes(ips.is_inlier, source, paths.kind[row], paths.cause[row]),
+        surface_distance_m=across_m,
+        surface_nees=squared_mahalanobis(across_m[:, None], across_m2[:, None, None]),
         position_error_m=np.linalg.norm(error, axis=1),
         nees=squared_mahalanobis(error, ips.covariance_m2),
         height_error_m=height_error,
-        height_nees=squared_mahalanobis(height_error[:, None], ips.height_covariance_m2[:, 2:, None]),
+        height_nees=squared_mahalanobis(height_error[:, None], height_variance_m2[:, None, None]),
     )
 
 
@@ -94,6 +112,7 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScore
         *_cause_metrics(prefix, ips),
         *_distance_metrics(f"{prefix}.ip_to_surface", inliers.surface_distance_m),
         *_distance_metrics(f"{prefix}.ip_to_surface.clustered", inliers.surface_distance_m[clustered]),
+        *consistency_metrics(f"{prefix}.ip_to_surface", inliers.surface_nees, 1),
         *_distance_metrics(f"{prefix}.ip_position", inliers.position_error_m),
         *consistency_metrics(f"{prefix}.ip_position", inliers.nees, 2),
         *_distance_metrics(f"{prefix}.ip_height", np.abs(inliers.height_error_m)),

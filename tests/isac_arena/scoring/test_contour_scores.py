@@ -23,14 +23,6 @@ from scenes.objects.material import Material
 from tests.isac_arena.scoring.test_score import LIMITS
 
 
-@pytest.fixture
-def tables(campaign, true_power):
-    found = score_campaign(
-        campaign.scene, iter(campaign.truths), campaign.results, true_power_dbm=true_power, significance=LIMITS
-    )
-    return found.tables
-
-
 def test_a_contour_of_points_on_the_floor_has_no_class(campaign, tables):
     """Reflections on the floor are inliers too; the floor is no object of the scene."""
     result = campaign.results.mapping

@@ -96,6 +96,20 @@ def test_covariances_that_are_too_large_are_said_where_the_stops_are_enough() ->
     assert not sentence(slam__ip_position__nees=0.18, slam__solved_share=np.nan)
 
 
+def test_points_are_called_too_certain_or_not_with_how_many_are_judged() -> None:
+    """Errors of detected paths, a tenth of the points, say nothing of the others."""
+    wide = {"mapping__ip_position__nees": 0.04, "mapping__ip_position__coverage95": 1.0, "mapping__ips": 340.0}
+    assert "too large" not in sentence(**wide, mapping__ip_position__nees__count=35.0)
+    told = sentence(**wide, mapping__ip_position__nees__count=170.0)
+    assert "points of mapping (NEES 0.04, 100 % inside their 95 % regions, judged at 170 of 340)" in told
+    narrow = {"mapping__ip_to_surface__nees": 3.2, "mapping__ip_to_surface__coverage95": 0.86}
+    told = sentence(**narrow, mapping__ip_to_surface__nees__count=245.0, mapping__ips=340.0)
+    assert "86 % of points of mapping across their surface (NEES 3.2, judged at 245 of 340)" in told
+    assert "states of SLAM" in sentence(
+        slam__nees=0.2, slam__coverage95=1.0, slam__nees__count=8.0, slam__ips=99.0
+    )
+
+
 @pytest.mark.parametrize(("variance", "share"), [(1.0, (0.0, 0.01)), (1.6, (0.0, 0.2)), (4.0, (0.95, 1.0))])
 def test_right_covariances_are_called_too_large_by_chance_alone(
     variance: float, share: tuple[float, float]

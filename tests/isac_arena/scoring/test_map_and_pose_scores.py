@@ -7,7 +7,13 @@ from estimation.slam.bounds import StateBound
 from estimation.slam.record import SolveStatus
 from isac_arena.scoring.headline import bound_note
 from isac_arena.scoring.provenance import cluster_origin, path_origin
-from isac_arena.scoring.stages.maps import level_distance_m, surface_distance_m
+from isac_arena.scoring.stages.maps import (
+    level_distance_m,
+    map_metrics,
+    score_ips,
+    surface_distance_m,
+    variance_across_m2,
+)
 from isac_arena.scoring.stages.poses import pose_metrics, score_poses, unknown_bound
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.scene import HorizontalPlane
@@ -34,6 +40,31 @@ def test_points_off_floor_and_ceiling_count_in_height(campaign):
     scene = replace(campaign.scene, floor=floor, ceiling=None)
     names, height_m = np.array(["floor", "floor", "ceiling", "wall_south"]), np.array([-0.4, np.nan, 3.0, 1.0])
     np.testing.assert_allclose(level_distance_m(scene, names, height_m), [0.1, np.nan, np.nan, np.nan])
+
+
+def test_the_variance_across_a_surface_is_that_along_its_normal(campaign):
+    """South of a wall along x; north-east of a pillar whose centre is (0, -4); and on that wall itself."""
+    points = np.array([[2.0, -6.8], [0.4, -3.6], [2.0, -7.0]])
+    covariance = np.tile([[0.09, 0.02], [0.02, 0.01]], (3, 1, 1))
+    expected = [0.01, (0.09 + 0.01 + 2 * 0.02) / 2, 0.01]
+    np.testing.assert_allclose(variance_across_m2(campaign.scene, points, covariance), expected, rtol=1e-3)
+    bare = replace(campaign.scene, objects=())
+    assert np.isnan(variance_across_m2(bare, points, covariance)).all()
+
+
+def test_points_of_weak_paths_are_judged_across_their_surface(campaign, tables):
+    """No true incidence point, an error of 2 deviations across: a NEES of 4. A ghost is not judged."""
+    result, paths = campaign.results.mapping, tables.paths
+    covariance = np.tile(np.diag([0.04, 0.01]), (len(result.ips), 1, 1))
+    on_wall = tables.mapping.ips.object == "wall_south"
+    ips = replace(result.ips, position_m=result.ips.position_m + np.array([0.0, 0.2]), covariance_m2=covariance)
+    weak = replace(paths, vertex_m=np.full_like(paths.vertex_m, np.nan))
+    found = score_ips(campaign.scene, replace(result, ips=ips), weak)
+    np.testing.assert_allclose(found.surface_nees[on_wall], 4.0, rtol=1e-6)
+    values = {one.key: one.value for one in map_metrics("mapping", campaign.scene, found, tables.mapping.clusters)}
+    assert values["mapping.ip_position.nees.count"] == 0
+    assert values["mapping.ip_to_surface.nees.count"] == (found.is_inlier & (found.object != "")).sum() > 0
+    assert np.isnan(found.surface_nees[found.object == ""]).all()
 
 
 def test_origin_knows_bounces_and_ignores_walls_passed(campaign):
