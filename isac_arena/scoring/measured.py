@@ -13,7 +13,7 @@ from isac_arena.scoring.chain import score_map, score_metrics
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus, ScoreTables, SignificantPaths, StopScores
 from isac_arena.scoring.score import Scores
-from isac_arena.scoring.stages.channel import reported_std
+from isac_arena.scoring.stages.channel import reported_angles
 from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M
 from isac_arena.scoring.stages.poses import score_both_poses, unknown_bound
 from scenes.record import FloatArray, TextArray, concatenate, empty_record
@@ -117,7 +117,7 @@ def _label_scores(scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate 
         delay_error_s=unknown,
         aod_error_rad=unknown,
         aoa_error_rad=unknown,
-        **reported_std(estimate),
+        **reported_angles(estimate),
         power_error_db=unknown,
         nees=unknown,
     )

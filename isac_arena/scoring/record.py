@@ -50,6 +50,8 @@ class PathScores(Record):
     delay_std_s: FloatArray = array("estimate", unit="s", doc="reported standard deviation of the delay")
     aod_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of departure")
     aoa_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of arrival")
+    aod_is_cone: BoolArray = array("estimate", dtype=bool, doc="the departure is a cone angle, not an azimuth")
+    aoa_is_cone: BoolArray = array("estimate", dtype=bool, doc="the arrival is a cone angle, not an azimuth")
     power_error_db: FloatArray = array("estimate", unit="dB", doc="error of the power in the best beam pair")
     nees: FloatArray = array("estimate", doc="squared error over covariance, 3 degrees of freedom")
     tx: IntArray = optional_array("estimate", dtype=int, doc="index of the TX, among several of a campaign")
@@ -57,6 +59,14 @@ class PathScores(Record):
     def __post_init__(self) -> None:
         self._fill(tx=np.zeros(len(self.stop), int))
         super().__post_init__()
+
+    @property
+    def angle_names(self) -> dict[str, str]:
+        """What departures ("aod") and arrivals ("aoa") are: 'azimuth', 'cone angle' or, mixed, 'angle'."""
+        names = {}
+        for key, is_cone in (("aod", self.aod_is_cone), ("aoa", self.aoa_is_cone)):
+            names[key] = "azimuth" if not is_cone.any() else "cone angle" if is_cone.all() else "angle"
+        return names
 
 
 @dataclass(frozen=True)

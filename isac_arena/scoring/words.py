@@ -15,6 +15,7 @@ WORDS = {
     "an RMSE over 3 dB, errors over 3 times the stated ones, 95 % regions that hold less than 88 % of the truth, "
     "stated errors over 1.4 times the true ones, lines of sight told right at 75 % of the stops or less, or false "
     "contours",
+    "cone angle": "the azimuth that a path would have without elevation: all that horizontal beams see",
     "in plan": "by x and y alone, without the height",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "dynamic range": "how far below the strongest path the estimator looks for paths",
@@ -25,7 +26,8 @@ WORDS = {
     "by the truth, while is_weak of a channel estimate is a mark by the estimator",
     "false contour": "a ghost or a phantom",
     "false": "an estimate that no true path explains",
-    "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, and 5 deg in each angle",
+    "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg in each angle; as a "
+    "unit, 1 is an error that large",
     "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",
     "GOSPA": "distance of two sets: the errors of matched members, and a penalty for each missed or false one",
     "Hausdorff distance": "the largest distance from a point of either contour to the other contour",

@@ -44,6 +44,7 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     pairs = [*_pose_pairs(runs, stops), *_set_pairs(runs, stops)]
     if _same_paths(runs, stops):
         pairs += _path_pairs(runs, stops)
+        notes += _angle_notes(first, second)
     else:
         counts = [int(np.isin(run.significant.stop, stops).sum()) for run in runs]
         notes.append(f"the true paths differ ({counts[0]} in A, {counts[1]} in B): paths are not paired")
@@ -54,6 +55,15 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     differences = tuple(one for one in map(paired_difference, pairs) if one.verdict)
     notes += [f"SLAM located no stop in {name}" for name, run in zip("AB", runs, strict=True) if _is_lost(run)]
     return RunComparison(differences, len(stops), tuple(notes))
+
+
+def _angle_notes(first: ScoreTables, second: ScoreTables) -> Iterator[str]:
+    """Angles that are cone angles in one run and azimuths in the other."""
+    one, other = first.paths.angle_names, second.paths.angle_names
+    for key, name in (("aod", "AoD"), ("aoa", "AoA")):
+        if one[key] != other[key]:
+            told = f"{name} errors are those of {one[key]}s in A and of {other[key]}s in B"
+            yield f"{told}: not of the same angle, so their difference is not one of methods alone"
 
 
 def _is_lost(run: ScoreTables) -> bool:

@@ -134,10 +134,11 @@ def best_stop(tables: ScoreTables) -> int:
 
 
 def _channel_errors(tables: ScoreTables) -> ReportFigure:
-    n = int((tables.paths.status == PathStatus.DETECTED).sum())
+    n, angles = int((tables.paths.status == PathStatus.DETECTED).sum()), tables.paths.angle_names
     caption = (
-        f"Absolute errors of delay, azimuth of departure (AoD) and of arrival (AoA) of the {n} detected paths, "
-        "by the kind of the true path. Estimates with errors larger than the gate are not assigned and not shown."
+        f"Absolute errors of delay, {angles['aod']} of departure (AoD) and {angles['aoa']} of arrival (AoA) of "
+        f"the {n} detected paths, by the kind of the true path. Estimates with errors larger than the gate are "
+        "not assigned and not shown."
     )
     figure = channel_cdf_figure(tables.paths)
     return ReportFigure("cdf_channel", "channel", "Errors of the channel parameters", caption, figure)

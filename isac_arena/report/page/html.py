@@ -10,12 +10,12 @@ from isac_arena.report.page.figures import ReportFigure
 from isac_arena.report.page.tables import (
     ACCEPTED,
     CHANNEL_COUNTS,
-    CHANNEL_ERRORS,
     CONTOURS,
     MAPS,
     POSES,
     SHAPES,
     all_scores_table,
+    channel_error_table,
     headline_table,
     legend_text,
     object_table,
@@ -65,7 +65,7 @@ def render_report(
             ("", ""), [(escape(label), escape(text).replace("\n", "<br>")) for label, text in facts.items()]
         ),
         channel_counts=score_table(CHANNEL_COUNTS, metrics),
-        channel_errors=score_table(CHANNEL_ERRORS, metrics),
+        channel_errors=channel_error_table(scores),
         poses=score_table(POSES, metrics),
         maps=score_table(MAPS, metrics),
         accepted=score_table(ACCEPTED, metrics),

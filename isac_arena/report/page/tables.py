@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from html import escape
 from typing import Any
@@ -43,15 +43,16 @@ CHANNEL_COUNTS = ScoreTable(
     (
         ("Estimated paths per stop", "estimated_per_stop"),
         ("Significant true paths per stop", "significant_per_stop"),
-        ("of these, inseparable: too close to others to tell apart", "inseparable_per_stop"),
-        ("Detected per stop", "detected_per_stop"),
-        ("Missed per stop", "missed_per_stop"),
-        ("of these, inside the gate of a detected one", "unresolved_per_stop"),
+        ("of these, detected, inseparable ones too", "detected_per_stop"),
+        ("of these, missed: separable ones alone", "missed_per_stop"),
+        ("of the missed, inside the gate of a detected one", "unresolved_per_stop"),
+        ("of these, inseparable and not detected", "inseparable_undetected_per_stop"),
+        ("Inseparable per stop: too close to others to tell apart", "inseparable_per_stop"),
         ("Weak or diffuse per stop", "weak_per_stop"),
         ("False per stop", "false_per_stop"),
-        ("Detection rate, line of sight", "los.detection_rate"),
-        ("Detection rate, single bounce", "single_bounce.detection_rate"),
-        ("Detection rate, multiple bounce", "multi_bounce.detection_rate"),
+        ("Detection rate of separable ones, line of sight", "los.detection_rate"),
+        ("Detection rate of separable ones, single bounce", "single_bounce.detection_rate"),
+        ("Detection rate of separable ones, multiple bounce", "multi_bounce.detection_rate"),
         ("Correct LOS decisions, share of stops", "los.decision_accuracy"),
     ),
 )
@@ -61,10 +62,10 @@ CHANNEL_ERRORS = ScoreTable(
     (
         ("Delay, RMSE", "delay.rmse_ns"),
         ("Delay, bias", "delay.bias_ns"),
-        ("Azimuth of departure, RMSE", "aod.rmse_deg"),
-        ("Azimuth of departure, bias", "aod.bias_deg"),
-        ("Azimuth of arrival, RMSE", "aoa.rmse_deg"),
-        ("Azimuth of arrival, bias", "aoa.bias_deg"),
+        ("Angle of departure, RMSE", "aod.rmse_deg"),
+        ("Angle of departure, bias", "aod.bias_deg"),
+        ("Angle of arrival, RMSE", "aoa.rmse_deg"),
+        ("Angle of arrival, bias", "aoa.bias_deg"),
         ("Power, RMSE", "power.rmse_db"),
         ("Squared error over covariance (NEES / 3), target 1", "nees"),
         ("Coverage of the 95 % region, target 0.95", "coverage95"),
@@ -209,6 +210,16 @@ def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
         if any(math.isfinite(cell.value) for cell in present):
             rows.append((explained(label), *map(_value, cells), _unit(present[0])))
     return html_table(("", *(explained(heading) for heading, _ in table.columns), "unit"), rows)
+
+
+def channel_error_table(scores: Scores) -> str:
+    """Errors of the detected paths; angles by what they are, cone angles or azimuths."""
+    names = scores.tables.paths.angle_names
+    rows = []
+    for label, key in CHANNEL_ERRORS.rows:
+        name = names.get(key.partition(".")[0], "")
+        rows.append((label.replace("Angle", name.capitalize()) if name else label, key))
+    return score_table(replace(CHANNEL_ERRORS, rows=tuple(rows)), scores.metrics)
 
 
 def object_table(metrics: Sequence[Metric], method: str) -> str:

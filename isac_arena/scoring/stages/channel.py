@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate, EstimateStatus
+from estimation.channel.record import MIN_PARAMETERS, AngleKind, ChannelEstimate, EstimateStatus
 from isac_arena.scoring.association import (
     GatedPaths,
     assign,
@@ -181,16 +181,18 @@ def _path_scores(stop: TrueStop, estimate: ChannelEstimate, true_path: IntArray,
         delay_error_s=error[:, 0],
         aod_error_rad=error[:, 1],
         aoa_error_rad=error[:, 2],
-        **reported_std(estimate),
+        **reported_angles(estimate),
         power_error_db=power_error_db,
         nees=squared_mahalanobis(error, estimate.plane_covariance),
     )
 
 
-def reported_std(estimate: ChannelEstimate) -> dict[str, Any]:
-    """The columns of `PathScores` with the standard deviations that an estimate reports of its paths."""
+def reported_angles(estimate: ChannelEstimate) -> dict[str, Any]:
+    """The columns of `PathScores` with the deviations that an estimate reports, and what its angles are."""
     std = np.sqrt(np.diagonal(estimate.plane_covariance, axis1=1, axis2=2))
-    return dict(zip(("delay_std_s", "aod_std_rad", "aoa_std_rad"), std.T, strict=True))
+    is_cone = (np.full(len(estimate), kind == AngleKind.CONE) for kind in kinds_of(estimate))
+    columns = ("delay_std_s", "aod_std_rad", "aoa_std_rad", "aod_is_cone", "aoa_is_cone")
+    return dict(zip(columns, (*std.T, *is_cone), strict=True))
 
 
 def _significant_scores(stop: TrueStop, seen: TrueStop, kinds: Kinds, evidence: Evidence) -> SignificantPaths:

@@ -44,12 +44,13 @@ def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantP
     n = len(stops)
     false = paths.status == PathStatus.FALSE
     unresolved, expected = significant.cause == Cause.UNRESOLVED, significant.is_separable
-    detected = significant.is_detected[expected]
+    detected, hidden = significant.is_detected[expected], ~expected & ~significant.is_detected
     most_false = maximum([(paths.stop[false] == stop).sum() for stop in stops])
     metrics = [
         Metric("channel.estimated_per_stop", ratio(len(paths.stop), n), "1", "info"),
         Metric("channel.significant_per_stop", ratio(len(expected), n), "1", "info"),
         Metric("channel.inseparable_per_stop", ratio((~expected).sum(), n), "1", "info"),
+        Metric("channel.inseparable_undetected_per_stop", ratio(hidden.sum(), n), "1", "info"),
         Metric("channel.detected", significant.is_detected.sum(), "1", "info"),
         Metric("channel.detected_per_stop", ratio(significant.is_detected.sum(), n), "1", "higher"),
         Metric("channel.missed_per_stop", ratio((~detected).sum(), n), "1", "lower"),

@@ -16,9 +16,11 @@ from isac_arena.report.page.payload import thinning
 from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.payload.numbers import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
 from isac_arena.report.page.payload.thinning import drawn_stops
-from isac_arena.scoring.chain import score_campaign
+from isac_arena.report.page.tables import channel_error_table
+from isac_arena.scoring.chain import score_campaign, score_metrics
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PathStatus
+from isac_arena.scoring.score import Scores
 from scenes.pose import wrap_angle
 from scenes.record import concatenate
 
@@ -242,3 +244,13 @@ def test_a_long_campaign_draws_evenly_spaced_stops_and_all_contours(campaign, tr
         assert ips["xy"] == [all_ips["xy"][2 * index + axis] for index in kept for axis in range(2)]
         assert len(ips["ours"]) == len(ips["nees"]) == len(kept)
         assert part["contours"] == whole["maps"][name]["contours"]
+
+
+def test_angles_are_called_what_they_are(campaign, tables):
+    """Cone angles of horizontal beams are no azimuths, in the tables of stops and in that of errors."""
+    is_cone = np.ones(len(tables.paths.stop), bool)
+    cones = replace(tables, paths=replace(tables.paths, aod_is_cone=is_cone))
+    told = report_payload("made up", campaign.scene, campaign.results, cones, campaign.truths)
+    assert told["angles"] == {"aod": "cone angle", "aoa": "azimuth"}
+    shown = channel_error_table(Scores(score_metrics(campaign.scene, cones), cones))
+    assert "Cone angle</abbr> of departure, RMSE" in shown and "Azimuth of arrival, RMSE" in shown

@@ -184,6 +184,8 @@ def test_two_paths_in_one_cell_count_as_one(campaign, level_view, cells, n_separ
     values = {metric.key: metric.value for metric in channel_metrics(scored[2], scored[0], scored[1])}
     assert values["channel.inseparable_per_stop"] == 2 - n_separable
     assert values["channel.missed_per_stop"] == n_separable - 1
+    assert values["channel.inseparable_undetected_per_stop"] == 2 - n_separable
+    assert values["channel.detected_per_stop"] == 1  # the three are the two significant ones
     assert values["channel.detection_rate"] == 1 / n_separable
     assert (scored[1].cause[1] == Cause.INSEPARABLE) == (n_separable == 1)
     assert values["channel.gospa.missed_mean"] == pytest.approx(0 if n_separable == 1 else np.sqrt(0.5), abs=1e-9)

@@ -33,12 +33,12 @@ function makeStopPanel(parent) {
   for (const [angle, name] of [["aoa", "arrival"], ["aod", "departure"]]) {
     const scatter = figure(figures, {
       name: `delay-${angle}`,
-      label: `Delay and azimuth of ${name}`,
+      label: `Delay and ${data.angles[angle]} of ${name}`,
       height: (width) => Math.min(0.62 * width + 40, 470),
       draw: (drawing, width, height) => drawDelays(drawing, width, height, angle, name),
     });
     const tied = data.has_truth ? " A line connects an estimate to its true path." : "";
-    scatter.caption.textContent = `Delay and azimuth of ${name}.${tied}`;
+    scatter.caption.textContent = `Delay and ${data.angles[angle]} of ${name}.${tied}`;
   }
   if (data.has_truth) {
     const errors = figure(figures, {
@@ -206,7 +206,7 @@ function drawDelays(drawing, width, height, angle, name) {
   const room = Math.max(0.05 * (high - low), 2);
   const x = delays.length ? [low - room, high + room] : [0, 100];
   const { sx, sy } = axes(drawing, box, {
-    x, y: angle === "aoa" ? [-180, 180] : [-90, 90], xLabel: "delay with the clock bias, ns", yLabel: `azimuth of ${name}, deg`,
+    x, y: angle === "aoa" ? [-180, 180] : [-90, 90], xLabel: "delay with the clock bias, ns", yLabel: `${data.angles[angle]} of ${name}, deg`,
   });
   const at = (one, index) => [sx(one.delay_ns[index]), sy(one[`${angle}_deg`][index])];
   paths.status.forEach((_, index) => {

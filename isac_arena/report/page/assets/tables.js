@@ -27,8 +27,10 @@ function swatch(kinds, shape, r = 4.5, style = "") {
 
 function pathTable(row) {
   const [paths, truth] = [data.estimated[row], data.true[row]];
-  const heads = ["path", "status", data.has_truth ? "true path" : "object", "delay, ns", "AoD, deg", "AoA, deg", "power, dBm"];
-  if (data.has_truth) heads.push("Δ delay, ns", "Δ AoD, deg", "Δ AoA, deg", "Δ power, dB", "NEES");
+  const cone = (key) => (data.angles[key] === "cone angle" ? " (cone angle)" : "");
+  const [aod, aoa] = [`AoD${cone("aod")}, deg`, `AoA${cone("aoa")}, deg`];
+  const heads = ["path", "status", data.has_truth ? "true path" : "object", "delay, ns", aod, aoa, "power, dBm"];
+  if (data.has_truth) heads.push("Δ delay, ns", `Δ ${aod}`, `Δ ${aoa}`, "Δ power, dB", "NEES");
   const values = (one, index) => [shown(one.delay_ns[index], 2), shown(one.aod_deg[index], 2), shown(one.aoa_deg[index], 2),
     shown(one.power_dbm[index], 1)];
   const several = data.scene.txs.length > 1;

@@ -59,6 +59,7 @@ def report_payload(
         "name": name,
         "words": WORDS,
         "has_truth": bool(by_stop),
+        "angles": tables.paths.angle_names,
         "scene": {
             **_scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
             "extent": rounded(whole_view(scene, [results.mapping, results.slam]), 2),

@@ -47,6 +47,15 @@ def test_a_run_is_the_same_as_itself(score):
     assert png_bytes(compare_figure(compared.differences, "a", "b")).startswith(b"\x89PNG")
 
 
+def test_cone_angles_beside_azimuths_are_noted(score):
+    run = score()
+    is_cone = np.ones(len(run.paths.stop), bool)
+    cones = replace(run, paths=replace(run.paths, aod_is_cone=is_cone))
+    assert not compare_runs(cones, cones).notes
+    (note,) = compare_runs(cones, run).notes
+    assert note.startswith("AoD errors are those of cone angles in A and of azimuths in B")
+
+
 def test_only_the_worse_quantities_of_a_run_are_worse(score, campaign):
     worse = score(results=moved(campaign.results, 0.05, np.random.default_rng(4)))
     found = by_key(compare_runs(score(), worse))
