@@ -40,7 +40,7 @@ def sweep(
     from isac_arena.sweep.config import SweepConfig  # noqa: PLC0415
     from isac_arena.sweep.plan import make_plan  # noqa: PLC0415
     from isac_arena.sweep.runner import run_sweep  # noqa: PLC0415
-    from isac_arena.workers.workers import Workers  # noqa: PLC0415
+    from isac_arena.workers.workers import Workers, n_cores  # noqa: PLC0415
     from scenes.toml_config import load_config  # noqa: PLC0415
 
     console = Console(highlight=False)
@@ -48,7 +48,7 @@ def sweep(
     with working(console, "plan"):
         plan = make_plan(str(file), config, out, range(config.repeats))
     if dry_run:
-        print_plan(console, config, plan)
+        print_plan(console, config, plan, 0 if scheduler else workers or n_cores())
         return
     if run_sweep(console, file, config, out, plan, Workers(workers, scheduler, stop_limit), retry_failed):
         raise typer.Exit(1)
@@ -102,8 +102,11 @@ def sweep_report(
         raise typer.Exit(1)
 
 
-def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
-    """Print the cases of a sweep, and their estimated time on one core and disk space."""
+def print_plan(console: Console, config: SweepConfig, plan: Plan, n_workers: int) -> None:
+    """Print the cases of a sweep, and their estimated disk space and time on one core and on workers.
+
+    0 workers are those of a scheduler, whose number is not known.
+    """
     from isac_arena.progress import counted, duration, tracked  # noqa: PLC0415
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
@@ -124,6 +127,10 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
         f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {counted(cost.n_tried, 'case')}",
         soft_wrap=True,
     )
+    if n_workers and (n_missing := sum(not job.is_done for job in jobs)):
+        at_once = min(n_workers, n_missing)
+        wall_s = cost.start_up_s + 3600 * cost.core_hours / at_once
+        console.print(f"  on {counted(at_once, 'worker')} of this machine: about {duration(wall_s)} of wall time")
     if cost.samples_gb:
         console.print(
             f"  and {cost.samples_gb:.2g} GB a worker for samples, removed after the cases that share them"

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from isac_arena.progress import counted
 from isac_arena.report.style import html_table
 from isac_arena.scoring.headline import HEADLINE, HEADS, headline
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.record import IpScores, ScoreTables
 from isac_arena.scoring.score import Scores
 from isac_arena.scoring.stages.maps import found_objects
 from isac_arena.scoring.words import explained
@@ -255,12 +256,18 @@ def scene_object_table(scene: Mapping[str, Any], tables: ScoreTables) -> str:
         met = significant.object == name
         counts = met.sum(), len(np.unique(significant.stop[met]))
         of_maps = (
-            "found" if name in enough else "too little of it" if name in some else "–"
-            for enough, some in zip(found, shown, strict=True)
+            "found" if name in enough else "too little of it" if name in some else _unshown(one.ips, name)
+            for one, enough, some in zip(maps, found, shown, strict=True)
         )
         rows.append((escape(name), escape(kind), *map(str, counts), *of_maps))
     heads = ("object", "kind", "significant single bounces", "from so many stops", "mapping", "SLAM")
     return html_table([*map(explained, heads)], rows)
+
+
+def _unshown(ips: IpScores, name: str) -> str:
+    """Why a map has no contour of an object, as far as its points tell."""
+    n_points = int((ips.is_inlier & (ips.object == name)).sum())
+    return f"no contour of its {counted(n_points, 'point')}" if n_points else "no point"
 
 
 def all_scores_table(metrics: Iterable[Metric]) -> str:

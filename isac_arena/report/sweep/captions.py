@@ -53,7 +53,10 @@ def _about_detected(results: SweepResults, key: str) -> Iterator[str]:
 def pareto_caption(results: SweepResults) -> str:
     """Caption of a trade-off."""
     means = _repeats(results, ", at its mean over the repeats")
-    labels = "Points on the front have labels with their axis values; points that coincide share one."
+    labels = (
+        "The front is of points that no other point beats in both scores. They have labels with axis values; "
+        "points that coincide share one."
+    )
     return f"One dot for each design point{means}. {labels}"
 
 

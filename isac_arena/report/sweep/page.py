@@ -10,7 +10,15 @@ from matplotlib.figure import Figure
 
 from isac_arena.report.page.tables import score_title
 from isac_arena.report.style import figure_html, html_table, png_bytes
-from isac_arena.report.sweep.results import LEAST_CASES, Group, SweepResults, groups, interval_ends, mean_interval
+from isac_arena.report.sweep.results import (
+    LEAST_CASES,
+    Group,
+    SweepResults,
+    cases_text,
+    groups,
+    interval_ends,
+    mean_interval,
+)
 from isac_arena.scoring.metrics.metric import is_share
 from isac_arena.scoring.words import explained
 
@@ -97,12 +105,17 @@ def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
         rows = []
         for group in groups(axis):
             cells = [_interval(results, key, group) for key in keys]
-            rows.append([group.label, str(int(group.members.sum())), *cells])
+            rows.append([group.label, cases_text(results, group.members), *cells])
         made.append(f'<h3>{escape(axis.name)}</h3><div class="wide">{table(head, rows)}</div>')
     about = [
         "±, or in brackets for shares, which lie between 0 and 1: the 95 % interval of the mean (Student's t). "
         "After a semicolon: the least and the largest case, where cases are few or the interval says less."
     ]
+    if any(len(np.unique(results.point[one.members])) > 1 for axis in results.axes for one in groups(axis)):
+        about.append(
+            "Cases of several points, which differ in the other axes, are pooled: the interval of their mean has "
+            "the spread over these points too, not that over seeds alone."
+        )
     if results.is_doubtful.any():
         about.append(
             f"{MARK}: at scores of SLAM, some of the cases are doubtful, in position, heading or clock; see above."

@@ -141,6 +141,16 @@ def groups(axis: SweepAxis) -> list[Group]:
     return made
 
 
+def cases_text(results: SweepResults, members: BoolArray) -> str:
+    """How many cases a mean is over, and of how many design points and seeds where these are several points."""
+    n, points = int(members.sum()), len(np.unique(results.point[members]))
+    if points < 2:
+        return str(n)
+    each, rest = divmod(n, points)
+    seeds = f"{each} seeds" if each > 1 else "1 seed"
+    return f"{n}: {points} points" if rest else f"{n}: {points} points x {seeds}"
+
+
 def point_means(results: SweepResults, key: str) -> FloatArray:
     """Mean of a metric over the repeats of every design point (point,), NaN where it has none."""
     points = np.unique(results.point)

@@ -100,9 +100,20 @@ def test_all_objects_and_meshes_have_a_row_also_unseen_ones(campaign, scores):
     scene = {"objects": [*objects, {"name": "far_wall", "kind": "wall"}], "clutter": [{"name": "cart"}]}
     rows = re.findall(r"<tr>(.*?)</tr>", scene_object_table(scene, scores.tables).replace("\n", ""))[1:]
     cells = {row[0]: row[1:] for row in (re.findall(r"<td>(.*?)</td>", each) for each in rows)}
-    assert cells["far_wall"] == ["wall", "0", "0", "–", "–"] and cells["cart"] == ["mesh", "0", "0", "–", "–"]
+    assert cells["far_wall"] == ["wall", "0", "0", "no point", "no point"]
+    assert cells["cart"] == ["mesh", "0", "0", "no point", "no point"]
     met = scores.tables.significant.object == "pillar_a"
     assert cells["pillar_a"] == ["pillar", str(met.sum()), str(met.sum()), "found", "found"]
+
+
+def test_an_object_without_a_contour_says_how_many_points_it_has(campaign, scores):
+    scene = {"objects": [{"name": "pillar_a", "kind": "pillar"}], "clutter": []}
+    contours = scores.tables.mapping.contours
+    nameless = replace(contours, object=np.full(len(contours.object), "", contours.object.dtype))
+    tables = replace(scores.tables, mapping=replace(scores.tables.mapping, contours=nameless))
+    ips = tables.mapping.ips
+    n_points = (ips.is_inlier & (ips.object == "pillar_a")).sum()
+    assert n_points and f"<td>no contour of its {n_points} points</td>" in scene_object_table(scene, tables)
 
 
 def test_page_is_self_contained_and_escaped(page, figures):

@@ -191,6 +191,10 @@ def test_the_page_is_whole_and_escapes_names() -> None:
     results = made()
     tables = axis_tables(results, [KEY])
     assert "power" in tables[0] and "±" in tables[0]
+    assert "<td>4</td>" in tables[0] and "<td>12: 3 points x 4 seeds</td>" in tables[1]  # powers are pooled
+    assert "not that over seeds alone" in "".join(tables)
+    one_axis = axis_tables(replace(results, axes=results.axes[:1]), [KEY])
+    assert "points" not in "".join(one_axis)
     picture = SweepFigure("a <b>", new_figure(4.0, 3.0), "caption & more")
     page = render_sweep("<sweep>", {"Cases": "1 < 2"}, [("Figures", [picture]), ("Tables", tables)])
     assert "<sweep>" not in page and "&lt;sweep&gt;" in page and "1 &lt; 2" in page

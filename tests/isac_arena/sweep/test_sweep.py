@@ -1,6 +1,7 @@
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -197,6 +198,7 @@ def test_a_dry_run_writes_nothing_and_wrong_sweeps_are_refused(files: Path) -> N
     planned = run(files, "out", "--dry-run")
     assert planned.exit_code == 0
     assert "4 cases, 2 points of 1 axis, 1 scene, paths traced 1 time" in planned.output
+    assert re.search(r"on \d workers? of this machine: about .* of wall time", planned.output)
     assert not (files / "out").exists()
     (files / "taken").mkdir()
     (files / "taken" / "thesis.txt").touch()
