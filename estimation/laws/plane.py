@@ -20,6 +20,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import FloatArray, IntArray
 
 MIN_LENGTH_M = 1e-6  # lower limit of lengths in denominators
+FEASIBLE_STDS = 2.0  # of the angles, by which an IP may be outside the devices' rays
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def raised_range(tx: FloatArray, state: FloatArray, point: FloatArray, differenc
 
 
 @compiled
-def _cone_azimuth(boresight_rad: float, turn_rad: float, sine: float) -> tuple[float, float]:
+def cone_azimuth(boresight_rad: float, turn_rad: float, sine: float) -> tuple[float, float]:
     """Azimuth that a panel shows for a sine of the cone angle, and the slope of the sine by it.
 
     `turn_rad` is the true azimuth over the boresight: it tells front and back of the panel.
@@ -95,7 +95,7 @@ def raised_path(
             value[end + 1], slope[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
             continue
         turn = wrapped(azimuth[end] - boresight_rad[end])
-        value[end + 1], across = _cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine[end] * stretch)
+        value[end + 1], across = cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine[end] * stretch)
         slope[end + 1] = np.cos(turn) * cosine[end] * stretch * by_azimuth[end]
         slope[end + 1] += np.sin(turn) * (by_cosine[end] * stretch + cosine[end] * by_stretch)
         slope[end + 1] /= across
@@ -138,5 +138,5 @@ def image_path(
             value[end + 1], by_point[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
             continue
         turn = wrapped(azimuth[end] - boresight_rad[end])
-        value[end + 1], across = _cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine)
+        value[end + 1], across = cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine)
         by_point[end + 1] = (np.cos(turn) * cosine * by_azimuth[end] + np.sin(turn) * by_cosine) / across

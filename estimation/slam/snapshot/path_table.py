@@ -7,14 +7,13 @@ import numpy as np
 from scipy.special import gammaln
 
 from estimation.inference.least_squares import student_t_efficiency
+from estimation.laws.plane import FEASIBLE_STDS
 from estimation.slam.config import Mixture
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.record import FloatArray
 
 WALL_ANGLE_STD_DEG = 0.5  # between walls that count as parallel or perpendicular
-# Standard deviations of the angles by which an IP may be outside the devices' rays, and of the range by which a
-# path may seem shorter than the straight line.
-FEASIBLE_STDS, _EARLY_STDS = 2.0, 3.0
+_EARLY_STDS = 3.0  # of the range, by which a path may seem shorter than the straight line
 
 
 class PathTable(NamedTuple):

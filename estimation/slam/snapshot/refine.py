@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.laws.plane import bounce_gap
+from estimation.laws.plane import FEASIBLE_STDS, bounce_gap
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.likelihood import MAX_ITERATIONS, refine_states
-from estimation.slam.snapshot.path_table import FEASIBLE_STDS, line_of_sight, path_model, path_table
+from estimation.slam.snapshot.path_table import line_of_sight, path_model, path_table
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray

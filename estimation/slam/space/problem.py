@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.inference.least_squares import student_t_log_peak
+from estimation.laws.plane import FEASIBLE_STDS
 from estimation.laws.space import bounce_equations, los_jacobian_rx, predict_los, residual
 from estimation.slam.config import Mixture, PathNoise
 from estimation.slam.snapshot.problem import direct_path
@@ -19,7 +20,6 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray
 
 _UNKNOWN_STD_RAD = np.deg2rad(40.0)  # of an elevation that was not estimated
-_FEASIBLE_STDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def bounce_fit(problem: SpatialProblem, state: FloatArray) -> BounceFit:
     whiten[..., 1, 0] = -mixed / first / second
     variance = problem.covariance[:, 1, 1] + problem.covariance[:, 2, 2]
     half = np.minimum(at.opening / 2, 1.0)
-    slack = _FEASIBLE_STDS * np.sqrt(variance * (1 - half**2)) / (2 * half)
+    slack = FEASIBLE_STDS * np.sqrt(variance * (1 - half**2)) / (2 * half)
     feasible = (at.length_m > 0) & (np.abs(at.fraction - 0.5) <= 0.5 + slack)
     return BounceFit(
         at.value_m,

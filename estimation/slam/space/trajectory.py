@@ -151,7 +151,7 @@ def _with_height(
 
     Robust least squares in the height alone; the uncertainty of the plane's state is propagated to it.
     """
-    used = np.isin(kind, (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT))
+    used = np.isin(kind, (PathClass.BOUNCE, PathClass.LONE, PathClass.WALL, PathClass.OBJECT))
     los = np.flatnonzero(kind == PathClass.LOS)
     if not np.isfinite(state).all():
         return np.full(26, np.nan)

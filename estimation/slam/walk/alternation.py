@@ -14,6 +14,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
+from estimation.slam.walk.flats import learned_flats, level_probability
 from estimation.slam.walk.planes import split_wall
 from estimation.slam.walk.relocate import (
     LEAST_EVIDENCE,
@@ -46,6 +47,7 @@ _MAX_ROUNDS = 10
 _PLACINGS = 2
 _ROUGHNESS_TURNS = 2
 _ROUGH_TURNS = 4
+_LEVEL_PROBABILITY = 0.9  # of a bounce off a place of its own, to count for its stop
 _MOST_SPLITS = 6
 
 
@@ -184,7 +186,8 @@ def _with_planes(walk: SmoothedWalk, wide: Noise) -> SmoothedWalk:
             break
         now = minimise_robust_cost(seen, link, start, config)
         new = reclassify_paths(wide.seen, now, walk.is_los, wall_spans(seen, link, now), wide.config)
-        anew = walk._replace(now=minimise_robust_cost(seen, new, now, config), link=new)
+        anew_now, new = _confirm_bounces(seen, new, minimise_robust_cost(seen, new, now, config), config)
+        anew = walk._replace(now=anew_now, link=new)
         two = max(walk._replace(now=now, link=link), anew, key=lambda one: one.evidence)
         if two.evidence < walk.evidence + LEAST_GAIN:
             break
@@ -243,6 +246,8 @@ def _reassigned(
 
 def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState) -> SmoothedWalk:
     """The walk with landmarks, then with sessions, each until the association is constant."""
+    if wide.config.use_landmarks and wide.seen.heights is not None:
+        now = replace(now, flats=learned_flats(wide.seen, now, is_los))
     now, link = _settled(noise, wide, is_los, now)
     while wide.config.use_sessions:
         split = split_sessions(noise.seen, link, now, noise.config)
@@ -265,7 +270,8 @@ def _confirm_bounces(
     """Keep a single bounce without a landmark only where the other paths of its stop do not contradict it.
 
     Lines of sight and shared landmarks are far more certain. Where a stop has two of them, its other bounces are
-    gated against the solution without these bounces, with its covariance.
+    gated against the solution without these bounces, with its covariance. Where beams show no elevation, those
+    are left out of the fit as well that probably come from points higher or lower than the devices.
     """
     certain = np.isin(link.kind, [PathClass.LOS, PathClass.WALL, PathClass.OBJECT, PathClass.RAISED])
     counted = np.bincount(seen.row[certain], minlength=seen.n_stops) >= 2
@@ -288,6 +294,11 @@ def _confirm_bounces(
     gate = chi_square_quantile(config.confirm_probability, 1)
     agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
     kind[doubted[agrees]] = PathClass.BOUNCE
+    if seen.heights is not None:
+        by_range = terms.by_measurement[:, 0]
+        std_m = np.sqrt(terms.variance_m2 + spread) / np.abs(by_range)
+        level = level_probability(terms.value_m / by_range, std_m)
+        kind[doubted[agrees & (level < _LEVEL_PROBABILITY)]] = PathClass.LONE
     return minimise_robust_cost(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
 
 

@@ -12,6 +12,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.assignment import assign_to_landmarks
+from estimation.slam.walk.flats import off_flats
 from estimation.slam.walk.mirrors import find_walls
 from estimation.slam.walk.raised import with_raised
 from estimation.slam.walk.residuals import (
@@ -61,7 +62,7 @@ def classify_paths(
     circle, with the paths and settings of `noise`.
     """
     bounce = single_bounces(seen, now, is_los, config)
-    link = _without_landmarks(is_los, bounce)
+    link = _without_landmarks(is_los, bounce & ~off_flats(seen, now, is_los, now.flats))
     now = replace(now, walls=np.empty((0, 2)), objects=np.empty((0, 3)), raised=np.empty((0, 3)))
     if not config.use_landmarks or not bounce.any():
         return link, now, np.empty((0, 2))
@@ -88,7 +89,8 @@ def reclassify_paths(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
     """Classify every path at the present trajectory and landmarks, with walls of these `spans` (wall, 2)."""
-    link = _without_landmarks(is_los, single_bounces(seen, now, is_los, config))
+    bounce = single_bounces(seen, now, is_los, config) & ~off_flats(seen, now, is_los, now.flats)
+    link = _without_landmarks(is_los, bounce)
     return assign_to_landmarks(seen, now, link, spans, config) if config.use_landmarks else link
 
 

@@ -21,7 +21,8 @@ from estimation.slam.transmitters import transmitters_of
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
-_UNUSED, _LOS, _BOUNCE, _OBJECT = PathClass.UNUSED, PathClass.LOS, PathClass.BOUNCE, PathClass.OBJECT
+_LOS, _BOUNCE, _OBJECT = PathClass.LOS, PathClass.BOUNCE, PathClass.OBJECT
+_UNUSED, _LONE = PathClass.UNUSED, PathClass.LONE
 _WALL, _DOUBLE, _RAISED = PathClass.WALL, PathClass.DOUBLE, PathClass.RAISED
 N_SHARED = 5  # shared parameters a path depends on at most: the session's offset and two walls
 _MIN_VARIANCE_M2 = 1e-18
@@ -132,7 +133,7 @@ def _linearise(
     chain, cov = np.empty((2, 2)), np.empty((3, 3))
     work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
     for i in range(n):
-        if kind[i] == _UNUSED:
+        if kind[i] == _UNUSED or kind[i] == _LONE:
             continue
         tx, x = source[i], state[i]
         seen[:] = measured[i]

@@ -23,6 +23,7 @@ class PathClass(IntEnum):
     OBJECT = 4
     DOUBLE = 5  # off two walls
     RAISED = 6  # by way of a shared point at a height of its own
+    LONE = 7  # the same as BOUNCE, not used: its IP may be higher or lower than the devices
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,8 @@ def spare_equations(seen: Observations, link: Association) -> IntArray:
     A bounce off any place gives one, other paths three. Where they are few, one wrong path moves the state and
     nothing contradicts it.
     """
-    equations = np.where(link.kind == PathClass.BOUNCE, 1, np.where(link.kind == PathClass.UNUSED, 0, 3))
+    is_out = np.isin(link.kind, (PathClass.UNUSED, PathClass.LONE))
+    equations = np.where(link.kind == PathClass.BOUNCE, 1, np.where(is_out, 0, 3))
     return np.asarray(np.bincount(seen.row, equations, seen.n_stops) - 3 - seen.n_tx, int)
 
 
@@ -125,6 +127,7 @@ class TrajectoryState:
     anchor: int
     course: FloatArray  # (stop - 2, 2) unit vector of the walk at the inner stops
     raised: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # (point, 3) x, y, height over receiver
+    flats: FloatArray = field(default_factory=lambda: np.empty(0))  # (surface,) heights of floor and ceiling, too
 
     @property
     def n_tx(self) -> int:

@@ -118,9 +118,9 @@ def _cone(azimuth, flat):
     return boresight + np.arcsin(np.sin(wrap_angle(azimuth - boresight)) * flat)
 
 
-def _cones(spot, position, heading):
+def _cones(spot, position, heading, tx=TX):
     value = [0.0]
-    for end, turn in ((TX.position_m, TX.heading_rad), (position, heading)):
+    for end, turn in ((tx.position_m, tx.heading_rad), (position, heading)):
         ray = spot - end
         value[0] += np.linalg.norm(ray)
         value.append(_cone(np.arctan2(ray[1], ray[0]) - turn, np.hypot(*ray[:2]) / np.linalg.norm(ray)))
