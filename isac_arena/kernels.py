@@ -39,7 +39,7 @@ WARM_UPS: tuple[tuple[str, dict[str, Any], int], ...] = (  # campaign, settings,
     ("box_room_heights", FEW, 4),  # elevations: paths and states in space
     ("moving_target", FEW, 6),  # samples of a world that moves, tracks
     ("campus_arena_hardware", FEW, 2),  # phases that walk, considered errors
-    ("pillar_hall_two", POWER, 5),  # SLAM of several TX
+    ("campus_arena_three", POWER, 8),  # SLAM of several TX, long published contours
     ("warehouse", POWER, 6),  # contours of long walls
 )
 

@@ -14,7 +14,7 @@ from estimation.slam.walk.flats import learned_flats, level_probability, off_fla
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.residuals import Observations, TrajectoryState
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from tests.estimation.slam.test_raised import PANELS, _cone, _cones, _estimate, drawn, seen_in_space
+from tests.estimation.slam.walk.test_raised import PANELS, _cone, _cones, _estimate, drawn, seen_in_space
 
 TX = Pose(np.array([0.0, 0.0, 2.2]), 0.3)
 RX_HEIGHT, CEILING = 1.3, 3.9
