@@ -23,7 +23,7 @@ def test_a_finished_sweep_has_figures_and_tables(undisturbed: Path, tmp_path: Pa
     options = ("--metric", "channel.delay.rmse_ns", "--pareto", "channel.delay.rmse_ns,channel.aoa.rmse_deg")
     assert report(out, *options).exit_code == 0
     page = (out / "sweep_report.html").read_text()
-    assert "Paths: delay, RMSE against Paths: azimuth of arrival, RMSE" in page and "Receiver position" not in page
+    assert "Paths: delay, RMSE against Paths: angle of arrival, RMSE" in page and "Receiver position" not in page
     assert "Score: channel.delay.rmse_ns." in page
 
 
