@@ -22,7 +22,7 @@ from estimation.slam.snapshot.solution import PLANE_OF_SPACE, SnapshotSolution
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import SpatialProblem, bounce_fit, los_fit, spatial_problem
 from estimation.slam.space.snapshot import solve_spatial
-from estimation.slam.walk.residuals import PathClass
+from estimation.slam.walk.residuals import SINGLE_BOUNCES, PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, flags_by_stop, run_trajectory, turn_departures
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -151,7 +151,7 @@ def _with_height(
 
     Robust least squares in the height alone; the uncertainty of the plane's state is propagated to it.
     """
-    used = np.isin(kind, (PathClass.BOUNCE, PathClass.LONE, PathClass.WALL, PathClass.OBJECT))
+    used = np.isin(kind, SINGLE_BOUNCES)
     los = np.flatnonzero(kind == PathClass.LOS)
     if not np.isfinite(state).all():
         return np.full(26, np.nan)

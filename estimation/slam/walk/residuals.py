@@ -26,6 +26,9 @@ class PathClass(IntEnum):
     LONE = 7  # the same as BOUNCE, not used: its IP may be higher or lower than the devices
 
 
+SINGLE_BOUNCES = (PathClass.BOUNCE, PathClass.LONE, PathClass.WALL, PathClass.OBJECT)  # with an IP of the plane
+
+
 @dataclass(frozen=True)
 class Observations:
     """Paths of all stops, in the units of `estimation.laws.plane`."""

@@ -26,6 +26,7 @@ from estimation.slam.walk.neighbours import interpolated
 from estimation.slam.walk.relocate import LEAST_EVIDENCE, DoubtfulStops, Powers
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
+    SINGLE_BOUNCES,
     Association,
     Observations,
     PathClass,
@@ -117,8 +118,10 @@ def turn_departures(estimates: Sequence[ChannelEstimate], details: TrajectoryDet
 def flags_by_stop(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> dict[str, list[BoolArray]]:
     """`is_los` and `is_inlier` (path,) of every stop for mapping: lines of sight and single bounces."""
     kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
-    single = (PathClass.BOUNCE, PathClass.LONE, PathClass.WALL, PathClass.OBJECT)
-    return {"is_los": [k == PathClass.LOS for k in kinds], "is_inlier": [np.isin(k, single) for k in kinds]}
+    return {
+        "is_los": [k == PathClass.LOS for k in kinds],
+        "is_inlier": [np.isin(k, SINGLE_BOUNCES) for k in kinds],
+    }
 
 
 def observations(problems: Sequence[SnapshotProblem], tx_pose: AnyTx, floor: FloatArray) -> Observations:

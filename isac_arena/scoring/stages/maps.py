@@ -27,10 +27,14 @@ def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
     return nearest
 
 
-def variance_across_m2(scene: Scene, points_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
-    """Variance (point,) in m^2 of points across the boundary that is nearest in the plan; NaN without any."""
-    here_m = surface_distance_m(scene, points_m)
-    here_m = np.where(np.isfinite(here_m), here_m, np.nan)
+def variance_across_m2(
+    scene: Scene, points_m: FloatArray, distance_m: FloatArray, covariance_m2: FloatArray
+) -> FloatArray:
+    """Variance (point,) in m^2 of points across the boundary that is nearest in the plan; NaN without any.
+
+    `distance_m` is `surface_distance_m` of the points.
+    """
+    here_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
     ahead_m = [surface_distance_m(scene, points_m + step) for step in SURFACE_STEP_M * np.eye(2)]
     slope = np.stack(ahead_m, axis=1) - here_m[:, None]
     length = np.linalg.norm(slope, axis=1, keepdims=True)
@@ -59,9 +63,9 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
     source = paths.object[row]
     is_level = np.isin(source, LEVEL)
     height_variance_m2 = ips.height_covariance_m2[:, 2]
-    across_m = surface_distance_m(scene, ips.position_m)
-    across_m = np.where(is_level, level_distance_m(scene, source, ips.height_m), across_m)
-    variance_m2 = variance_across_m2(scene, ips.position_m, ips.covariance_m2)
+    in_plan_m = surface_distance_m(scene, ips.position_m)
+    across_m = np.where(is_level, level_distance_m(scene, source, ips.height_m), in_plan_m)
+    variance_m2 = variance_across_m2(scene, ips.position_m, in_plan_m, ips.covariance_m2)
     across_m2 = np.where(source == "", np.nan, np.where(is_level, height_variance_m2, variance_m2))
     return IpScores(
         stop=ips.stop,

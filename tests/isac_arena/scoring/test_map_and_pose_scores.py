@@ -47,9 +47,11 @@ def test_the_variance_across_a_surface_is_that_along_its_normal(campaign):
     points = np.array([[2.0, -6.8], [0.4, -3.6], [2.0, -7.0]])
     covariance = np.tile([[0.09, 0.02], [0.02, 0.01]], (3, 1, 1))
     expected = [0.01, (0.09 + 0.01 + 2 * 0.02) / 2, 0.01]
-    np.testing.assert_allclose(variance_across_m2(campaign.scene, points, covariance), expected, rtol=1e-3)
+    distance = surface_distance_m(campaign.scene, points)
+    found = variance_across_m2(campaign.scene, points, distance, covariance)
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
     bare = replace(campaign.scene, objects=())
-    assert np.isnan(variance_across_m2(bare, points, covariance)).all()
+    assert np.isnan(variance_across_m2(bare, points, surface_distance_m(bare, points), covariance)).all()
 
 
 def test_points_of_weak_paths_are_judged_across_their_surface(campaign, tables):

@@ -5,22 +5,27 @@ import pytest
 
 from estimation.laws.flat import flat_log_densities, flat_path
 from estimation.laws.plane import bounce_gap
-from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.stops import locate_and_map
 from estimation.slam.walk import alternation
 from estimation.slam.walk.flats import learned_flats, level_probability, off_flats
 from estimation.slam.walk.motion import course_of
-from estimation.slam.walk.residuals import Observations, TrajectoryState
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from tests.estimation.slam.walk.test_raised import PANELS, _cone, _cones, _estimate, drawn, seen_in_space
+from estimation.slam.walk.residuals import TrajectoryState
+from scenes.pose import Pose, wrap_angle
+from tests.estimation.slam.walk.test_raised import (
+    PANELS,
+    POLES,
+    drawn,
+    observed_paths,
+    seen_estimate,
+    seen_in_space,
+    upright,
+)
 
 TX = Pose(np.array([0.0, 0.0, 2.2]), 0.3)
 RX_HEIGHT, CEILING = 1.3, 3.9
-POLES = np.array([[5.0, 2.5], [11.0, -1.8], [8.0, 4.0], [15.0, 1.0]])
 N_FLAT, N_STOPS = 12, 10  # paths off each surface at a stop
-STD = np.array([2e-3, 1e-3, 1e-3])
 
 
 def test_a_path_off_a_flat_surface_is_seen_from_above_at_its_height():
@@ -67,21 +72,10 @@ def rough_hall(rng):
     heading, clock_m = rng.uniform(-0.2, 0.2, N_STOPS), rng.normal(0, 3, N_STOPS)
     estimates, is_flat = [], np.repeat([False, True, False], [len(POLES), 2 * N_FLAT, 1])
     for k in range(N_STOPS):
-        dz = TX.position_m[2] - RX_HEIGHT
-        spots = []
-        for pole in POLES:  # an upright edge: the height at which the path is straight when unrolled
-            legs = [np.hypot(*(pole - end[:2])) for end in (TX.position_m, position[k])]
-            spots.append([*pole, RX_HEIGHT + dz * legs[1] / sum(legs)])
+        spots = upright(TX, position[k])
         for height in (0.0, CEILING):
             spots += [[*rng.uniform([2, -5], [15, 5]), height] for _ in range(N_FLAT)]
-        rows = [_cones(spot, position[k], heading[k], TX) for spot in spots]
-        sight = position[k] - TX.position_m
-        straight, flat = np.arctan2(sight[1], sight[0]), np.hypot(*sight[:2]) / np.linalg.norm(sight)
-        ends = [_cone(straight - TX.heading_rad, flat), _cone(straight + np.pi - heading[k], flat)]
-        rows.append([np.linalg.norm(sight), *ends])
-        value = np.array(rows) + rng.normal(size=(len(rows), 3)) * STD
-        power = np.append(np.full(len(rows) - 1, -80.0), -50.0)
-        estimates.append(_estimate(k, value, clock_m[k], power))
+        estimates.append(seen_estimate(rng, k, spots, TX, position[k], heading[k], clock_m[k]))
     return estimates, position, heading, clock_m, np.tile(is_flat, N_STOPS)
 
 
@@ -90,19 +84,8 @@ HEIGHTS = KnownHeights(np.full(N_STOPS, TX.position_m[2] - RX_HEIGHT), 0.0, PANE
 
 def observed(estimates, position, heading, clock_m):
     """What the walk has of estimates, and the true states."""
-    above = [
-        HEIGHTS.seen(e, float(HEIGHTS.difference_m[0]), c / SPEED_OF_LIGHT_M_S)
-        for e, c in zip(estimates, clock_m, strict=True)
-    ]
-    measured = [
-        np.column_stack([SPEED_OF_LIGHT_M_S * e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad]) for e in above
-    ]
-    ends = PathHeights(*(np.concatenate(each) for each in zip(*HEIGHTS.of_paths(estimates), strict=True)))
-    n = len(estimates[0])
-    covariance = np.tile(np.diag(STD**2), (n * N_STOPS, 1, 1))
-    row = np.repeat(np.arange(N_STOPS), n)
-    seen = Observations(TX, N_STOPS, row, np.concatenate(measured), covariance, np.zeros((3, 3)), heights=ends)
     state = np.column_stack([position[:, :2], heading, clock_m])
+    seen = observed_paths(estimates, TX, HEIGHTS, state)
     none = np.empty((0, 2)), np.empty((0, 3))
     return seen, TrajectoryState(state, np.zeros(1), *none, np.zeros(N_STOPS, int), 0, course_of(state))
 

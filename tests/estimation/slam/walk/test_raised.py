@@ -87,6 +87,7 @@ def test_its_derivatives_match_finite_differences():
 
 HALL = np.array([[4.0, 3.0, 3.4], [9.0, -2.0, 3.4], [12.0, 4.0, 0.0], [6.0, -4.0, 0.0], [14.0, -3.0, 2.0]])
 POLES = np.array([[5.0, 2.5], [11.0, -1.8], [8.0, 4.0], [15.0, 1.0]])
+STD = np.array([2e-3, 1e-3, 1e-3])  # of ranges and angles
 
 
 def hall_walk(rng, n=10):
@@ -96,21 +97,30 @@ def hall_walk(rng, n=10):
     clock_m = rng.normal(0, 3, n)
     estimates = []
     for k in range(n):
-        dz = TX.position_m[2] - RX_HEIGHT
-        level = []
-        for pole in POLES:  # an upright edge: the height at which the path is straight when unrolled
-            legs = [np.hypot(*(pole - end[:2])) for end in (TX.position_m, position[k])]
-            level.append([*pole, RX_HEIGHT + dz * legs[1] / sum(legs)])
-        rows = [_cones(spot, position[k], heading[k]) for spot in [*HALL, *level]]
-        sight = position[k] - TX.position_m
-        straight = np.arctan2(sight[1], sight[0])
-        flat = np.hypot(*sight[:2]) / np.linalg.norm(sight)
-        ends = [_cone(straight - TX.heading_rad, flat), _cone(straight + np.pi - heading[k], flat)]
-        rows.append([np.linalg.norm(sight), *ends])
-        value = np.array(rows) + rng.normal(size=(len(rows), 3)) * [2e-3, 1e-3, 1e-3]
-        power = np.append(np.full(len(rows) - 1, -80.0), -50.0)
-        estimates.append(_estimate(k, value, clock_m[k], power))
+        spots = [*HALL, *upright(TX, position[k])]
+        estimates.append(seen_estimate(rng, k, spots, TX, position[k], heading[k], clock_m[k]))
     return estimates, position, heading
+
+
+def upright(tx, position):
+    """The points of the poles at which paths are straight when unrolled."""
+    spots = []
+    for pole in POLES:
+        legs = [np.hypot(*(pole - end[:2])) for end in (tx.position_m, position)]
+        spots.append([*pole, position[2] + (tx.position_m[2] - position[2]) * legs[1] / sum(legs)])
+    return spots
+
+
+def seen_estimate(rng, stop, spots, tx, position, heading, clock_m):
+    """The estimate of a stop, of paths by way of points (3,) and of the line of sight, the last path."""
+    rows = [_cones(spot, position, heading, tx) for spot in spots]
+    sight = position - tx.position_m
+    straight, flat = np.arctan2(sight[1], sight[0]), np.hypot(*sight[:2]) / np.linalg.norm(sight)
+    ends = [_cone(straight - tx.heading_rad, flat), _cone(straight + np.pi - heading, flat)]
+    rows.append([np.linalg.norm(sight), *ends])
+    value = np.array(rows) + rng.normal(size=(len(rows), 3)) * STD
+    power = np.append(np.full(len(rows) - 1, -80.0), -50.0)
+    return _estimate(stop, value, clock_m, power)
 
 
 def _cone(azimuth, flat):
@@ -118,7 +128,7 @@ def _cone(azimuth, flat):
     return boresight + np.arcsin(np.sin(wrap_angle(azimuth - boresight)) * flat)
 
 
-def _cones(spot, position, heading, tx=TX):
+def _cones(spot, position, heading, tx):
     value = [0.0]
     for end, turn in ((tx.position_m, tx.heading_rad), (position, heading)):
         ray = spot - end
@@ -130,7 +140,7 @@ def _cones(spot, position, heading, tx=TX):
 def _estimate(stop, value, clock_m, power_dbm):
     n = len(value)
     none = np.full(n, np.nan)
-    scale = np.array([2e-3 / SPEED_OF_LIGHT_M_S, 1e-3, 1e-3])
+    scale = STD / [SPEED_OF_LIGHT_M_S, 1.0, 1.0]
     return ChannelEstimate(
         stop=stop,
         method="auto",
@@ -153,24 +163,29 @@ def known_heights(n):
     return KnownHeights(np.full(n, TX.position_m[2] - RX_HEIGHT), 0.0, PANELS, PANELS)
 
 
-def test_clusters_become_points_at_heights_or_stay_upright():
-    estimates, position, heading = hall_walk(np.random.default_rng(3))
-    n, per = len(estimates), len(HALL) + len(POLES) + 1
-    heights = known_heights(n)
-    clock_s = np.array([e.delay_s[-1] for e in estimates]) - np.linalg.norm(position - TX.position_m, axis=1) / (
-        SPEED_OF_LIGHT_M_S
-    )
+def observed_paths(estimates, tx, heights, state):
+    """All paths of estimates of equal length, seen from above at the clocks of the states."""
     above = [
-        heights.seen(e, float(d), float(c))
-        for e, d, c in zip(estimates, heights.difference_m, clock_s, strict=True)
+        heights.seen(e, float(d), float(c) / SPEED_OF_LIGHT_M_S)
+        for e, d, c in zip(estimates, heights.difference_m, state[:, 3], strict=True)
     ]
     measured = np.concatenate(
         [np.column_stack([SPEED_OF_LIGHT_M_S * e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad]) for e in above]
     )
     ends = PathHeights(*(np.concatenate(each) for each in zip(*heights.of_paths(estimates), strict=True)))
-    covariance = np.tile(np.diag([2e-3, 1e-3, 1e-3]) ** 2, (n * per, 1, 1))
-    seen = Observations(TX, n, np.repeat(np.arange(n), per), measured, covariance, np.zeros((3, 3)), heights=ends)
+    n, per = len(estimates), len(estimates[0])
+    covariance = np.tile(np.diag(STD**2), (n * per, 1, 1))
+    return Observations(tx, n, np.repeat(np.arange(n), per), measured, covariance, np.zeros((3, 3)), heights=ends)
+
+
+def test_clusters_become_points_at_heights_or_stay_upright():
+    estimates, position, heading = hall_walk(np.random.default_rng(3))
+    n, per = len(estimates), len(HALL) + len(POLES) + 1
+    clock_s = np.array([e.delay_s[-1] for e in estimates]) - np.linalg.norm(position - TX.position_m, axis=1) / (
+        SPEED_OF_LIGHT_M_S
+    )
     state = np.column_stack([position[:, :2], heading, SPEED_OF_LIGHT_M_S * clock_s])
+    seen = observed_paths(estimates, TX, known_heights(n), state)
     member = np.tile([*range(len(HALL) + len(POLES)), -1], n)
     start = np.column_stack([np.vstack([HALL[:, :2], POLES]), np.full(len(HALL) + len(POLES), 0.05)])
     start[:, :2] += 0.2
