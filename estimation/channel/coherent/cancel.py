@@ -49,8 +49,7 @@ def cancelling_coherence(solution: Solution) -> FloatArray:
     These are pairs that coincide, and neighbours whose first path is cancelled: it has far more power than its
     matched filter shows for it and all its neighbours together. The closer they are, the less is far.
     """
-    information, amplitude = solution.information, solution.paths.amplitude
-    inner = information[:, 0, :, 0] - 1j * information[:, 0, :, 1]  # products of the responses
+    inner, amplitude = solution.inner, solution.paths.amplitude
     energy = np.diagonal(inner).real
     coherence = np.square(np.abs(inner)) / (energy[:, None] * energy)
     is_near = coherence >= NEAR

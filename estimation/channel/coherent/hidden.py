@@ -5,7 +5,8 @@ from itertools import combinations, product
 
 import numpy as np
 
-from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, regular_inverse
+from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution
+from estimation.channel.model.cholesky import regular_inverse
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,

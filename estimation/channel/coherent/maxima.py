@@ -7,7 +7,7 @@ from estimation.channel.coherent.moving import move_to_likelier_turns
 from estimation.channel.coherent.raised import PathRaiser
 from estimation.channel.coherent.refine import Reference, Solution, solve_at
 from estimation.channel.coherent.search import DirectionGrid
-from estimation.channel.coherent.twins import move_to_twins
+from estimation.channel.coherent.twins import TwinChooser
 from scenes.record import FloatArray
 
 STEPS = 3  # of a path that moves: its neighbours hardly do
@@ -20,11 +20,11 @@ class HigherMaximum:
     """Moves of one stop; a path needs the power `level` to be there."""
 
     def __init__(self, grids: tuple[DirectionGrid, DirectionGrid], turns: FloatArray, level: float) -> None:
-        raise_paths, mirror_pairs = PathRaiser(), PairMirror()
+        raise_paths, mirror_pairs, choose_twins = PathRaiser(), PairMirror(), TwinChooser(grids)
         self._moves: tuple[Move, ...] = (
             lambda at, now: raise_paths(at, now, level / 2, STEPS),
             lambda at, now: mirror_pairs(at, now, PAIR_STEPS),
-            lambda at, now: move_to_twins(at, now, grids, STEPS),
+            lambda at, now: choose_twins(at, now, STEPS),
             lambda at, now: move_to_likelier_turns(at, now, turns, STEPS),
         )
 

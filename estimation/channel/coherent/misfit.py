@@ -10,7 +10,8 @@ per parameter. These are few; so all paths of a stop together say how large erro
 
 import numpy as np
 
-from estimation.channel.coherent.refine import Reference, Solution, regular_inverse
+from estimation.channel.coherent.refine import Reference, Solution
+from estimation.channel.model.cholesky import regular_inverse
 from estimation.channel.model.path_model import PathParameters, gram_matrix
 from estimation.distributions import chi_square_log_density, f_log_density
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
@@ -103,7 +104,7 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
     tangent = np.maximum(np.arange(n_columns) - 1, 0)  # of every column of the normal equations
     scale = np.repeat(amplitude[:, None], n_columns, axis=1)
     scale[:, :2] = [1.0, 1.0j]
-    inverse = regular_inverse(solution.flat_information)
+    inverse = solution.inverse
     statistic, n_seen = np.zeros(n), np.zeros(n, int)
     for path in range(n):
         turned = (1j * amplitude[path]).conj()

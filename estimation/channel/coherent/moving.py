@@ -8,14 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
-from estimation.channel.coherent.refine import (
-    Reference,
-    Solution,
-    refine_near,
-    refine_paths,
-    refine_separately,
-    regular_inverse,
-)
+from estimation.channel.coherent.refine import Reference, Solution, refine_near, refine_paths, refine_separately
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import PathParameters, manifold_rates, responses
 from estimation.channel.model.turns import is_moving
@@ -50,7 +43,7 @@ def freeze_still_paths(reference: Reference, solution: Solution, max_steps: int)
 def doppler_evidence(solution: Solution) -> FloatArray:
     """What every path (path,) explains less, over the noise, without its Doppler shift; all others are adapted."""
     n, n_columns = solution.slope.shape
-    variance = np.diagonal(regular_inverse(solution.flat_information)).reshape(n, n_columns)[:, -1]
+    variance = np.diagonal(solution.inverse).reshape(n, n_columns)[:, -1]
     return np.asarray(np.square(solution.paths.doppler_turns[:, 0]) / variance)
 
 

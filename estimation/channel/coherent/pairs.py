@@ -19,11 +19,10 @@ from estimation.channel.coherent.refine import (
     LONGEST_STEP,
     NEAR_CELLS,
     REACH_BINS,
-    SMALLEST,
-    TINY,
     Reference,
     Solution,
 )
+from estimation.channel.model.cholesky import SMALLEST, TINY
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,

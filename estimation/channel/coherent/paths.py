@@ -187,7 +187,7 @@ def find_paths(
             solution = grown
         if not is_changed and n_passes < (MAX_PASSES if room > 0 else LIMIT_PASSES):
             n_passes += 1
-            finished = _finished(reference, higher_maximum(reference, solution), window, PASS_STEPS)
+            finished = _finished(reference, higher_maximum(reference, solution), window, PASS_STEPS, most)
             is_changed = _worth(finished, window) > _worth(solution, window) + window.level / 2
             solution, reference = finished, Reference(white, finished.paths)
             if not is_changed and room > 0:
@@ -202,7 +202,7 @@ def find_paths(
         solution = solve_at(reference, solution.paths)
         if not is_changed:
             break
-    finished = _finished(reference, solution, window, FINAL_STEPS)
+    finished = _finished(reference, solution, window, FINAL_STEPS, most)
     return white, freeze_still_paths(Reference(white, finished.paths), finished, FINAL_STEPS)
 
 
@@ -228,19 +228,24 @@ def _worth(solution: Solution, window: DelayWindow) -> float:
     return solution.explained - window.level * len(solution.paths)
 
 
-def _finished(reference: Reference, solution: Solution, window: DelayWindow, many_steps: int) -> Solution:
+def _finished(
+    reference: Reference, solution: Solution, window: DelayWindow, many_steps: int, most: int
+) -> Solution:
     """The converged solution after `merge_elevated_images`."""
-    solution = _converged(reference, solution, window, many_steps)
+    solution = _converged(reference, solution, window, many_steps, most)
     above = merge_elevated_images(reference, solution, window.level_at, FINAL_STEPS)
-    return solution if above is solution else _converged(reference, above, window, many_steps)
+    return solution if above is solution else _converged(reference, above, window, many_steps, most)
 
 
-def _converged(reference: Reference, solution: Solution, window: DelayWindow, many_steps: int) -> Solution:
+def _converged(
+    reference: Reference, solution: Solution, window: DelayWindow, many_steps: int, most: int
+) -> Solution:
     """The solution without paths that are redundant or cancel each other, after convergence.
 
-    Many paths take `many_steps`, and a few after each change: their neighbours hardly move.
+    Many paths, or as many as there may be at `most`, take `many_steps`, and a few after each change: their
+    neighbours hardly move, and what is left out shifts them more than further steps.
     """
-    is_few = len(solution.paths) <= FEW
+    is_few = len(solution.paths) <= min(FEW, most - 1)
     steps, after = (FINAL_STEPS, FINAL_STEPS) if is_few else (many_steps, ROUND_STEPS)
     solution = prune_paths(reference, refine_paths(reference, solution.paths, steps), window.level_at, after)
     apart = without_cancelling_paths(reference, solution, after)

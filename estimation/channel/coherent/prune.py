@@ -5,15 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from estimation.channel.coherent.hidden import hidden_second_paths
-from estimation.channel.coherent.refine import (
-    FEW,
-    Reference,
-    Solution,
-    paths_near,
-    refine_near,
-    refine_paths,
-    regular_inverse,
-)
+from estimation.channel.coherent.refine import FEW, Reference, Solution, paths_near, refine_near, refine_paths
 from estimation.channel.model.path_model import PathParameters
 from scenes.record import BoolArray, FloatArray
 
@@ -29,7 +21,7 @@ def wald_statistic(solution: Solution) -> FloatArray:
     the path is removed and all others are fitted again (Wald's test for the likelihood ratio).
     """
     n = len(solution.paths)
-    inverse = regular_inverse(solution.flat_information).reshape(solution.information.shape)
+    inverse = solution.inverse.reshape(solution.information.shape)
     own = np.einsum("iaib->iab", inverse)[:, :2, :2]
     amplitude = np.stack([solution.paths.amplitude.real, solution.paths.amplitude.imag], axis=1)
     weighted = np.linalg.solve(own, amplitude[..., None])[..., 0] if n else np.zeros((0, 2))
@@ -107,7 +99,7 @@ def redundant_paths(solution: Solution, level: FloatArray) -> BoolArray:
     """
     n, n_columns = solution.slope.shape
     dropped: BoolArray = np.zeros(n, bool)
-    covariance = regular_inverse(solution.flat_information)
+    covariance = solution.inverse.copy()
     value = np.zeros((n, n_columns))
     value[:, 0], value[:, 1] = solution.paths.amplitude.real, solution.paths.amplitude.imag
     while True:

@@ -13,10 +13,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrf, dpotri
 
+from estimation.channel.model.cholesky import (
+    SMALLEST,
+    TINY,
+    regular_inverse,
+    scaled_matrix,
+    solve_positive,
+    unit_scale,
+)
 from estimation.channel.model.compress import CompressedSweep
-from estimation.channel.model.kernels import real_equations
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
@@ -24,6 +30,7 @@ from estimation.channel.model.path_model import (
     cells_apart,
     gram_matrix,
     manifold_rates,
+    normal_equations,
     own_gram_matrix,
     products_with,
     residual,
@@ -41,9 +48,7 @@ CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise powe
 LARGEST_DAMPING = 1e7
 HOPE = 10.0  # times the gain that a step expects: more is not gained by the steps that follow
 LONGEST_STEP = 0.5  # resolution cells
-TINY = 1e-12  # relative ridge that keeps normal equations of coinciding paths solvable
 TURNS_SPAN = 200.0  # of the turns that a path may have: more than sweeps are searched for
-SMALLEST = 1e-150  # diagonal of an unobservable parameter
 
 
 class Reference:
@@ -82,7 +87,7 @@ class Reference:
 
     def products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the sweep's samples."""
-        explained = gram_matrix(at, self.at)[:, :, :, 0] @ self.paths.amplitude
+        explained = gram_matrix(at, self.at.values)[:, :, :, 0] @ self.paths.amplitude
         return np.asarray(self.residual_products(at) + explained)
 
 
@@ -94,11 +99,13 @@ class Solution:
     ----------
     paths : with the amplitudes that fit best at their delays and angles
     explained : squared norm of the samples that the paths explain; the likelihood up to a constant
+    inner : (path, path) inner products of the responses of the paths
     equations : makes `information` and `slope` when one of them is first used
     """
 
     paths: PathParameters
     explained: float
+    inner: ComplexArray
     equations: Callable[[], tuple[FloatArray, FloatArray]]
 
     @cached_property
@@ -125,11 +132,24 @@ class Solution:
         n = self.slope.size
         return self.information.reshape(n, n)
 
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """Regular inverse of `flat_information`."""
+        return regular_inverse(self.flat_information)
+
 
 def solve_at(reference: Reference, paths: PathParameters) -> Solution:
     """Best amplitudes at given delays and angles, and the normal equations of all parameters."""
     at = tangents(reference.sweep, paths)
-    return _solved(paths, reference.products(at), gram_matrix(at, at))
+    product, values = reference.products(at), at.values
+    inner = gram_matrix(values, values)[:, 0, :, 0]
+    amplitude, explained = _amplitudes(product[:, 0], inner)
+
+    def equations() -> tuple[FloatArray, FloatArray]:
+        signal = gram_matrix(at, values)[:, :, :, 0] @ amplitude
+        return normal_equations(at, product - signal, amplitude)
+
+    return Solution(replace(paths, amplitude=amplitude), explained, inner, equations)
 
 
 def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
@@ -146,12 +166,13 @@ def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
     place = known.copy()
     place[known < 0] = len(theirs) + np.arange(len(new))
     product = np.concatenate([ours, new])[place]
-    amplitude, explained = _amplitudes(product, inner[np.ix_(place, place)])
+    inner = inner[np.ix_(place, place)]
+    amplitude, explained = _amplitudes(product, inner)
 
     def equations() -> tuple[FloatArray, FloatArray]:
         return solve_at(reference, paths).equations()
 
-    return Solution(replace(paths, amplitude=amplitude), explained, equations)
+    return Solution(replace(paths, amplitude=amplitude), explained, inner, equations)
 
 
 def _places_among(known: PathParameters, paths: PathParameters) -> IntArray:
@@ -197,22 +218,12 @@ def refine_separately(
 def _own_equations(
     inner: ComplexArray, rest: ComplexArray, amplitude: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """As `real_equations`, of every path alone: matrix (path, column, column) and gradient (path, column)."""
+    """As `normal_equations`, of every path alone: matrix (path, column, column) and gradient (path, column)."""
     tangent = np.maximum(np.arange(-1, rest.shape[1]), 0)
     scale = np.repeat(amplitude[:, None], len(tangent), axis=1)
     scale[:, :2] = 1.0, 1j
     matrix = (scale.conj()[:, :, None] * inner[:, tangent[:, None], tangent] * scale[:, None]).real
     return matrix, (scale.conj() * rest[:, tangent]).real
-
-
-def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -> Solution:
-    amplitude, explained = _amplitudes(product[:, 0], inner[:, 0, :, 0])
-
-    def equations() -> tuple[FloatArray, FloatArray]:
-        rest = product - inner[:, :, :, 0] @ amplitude
-        return real_equations(inner, rest, amplitude)
-
-    return Solution(replace(paths, amplitude=amplitude), explained, equations)
 
 
 def _amplitudes(product: ComplexArray, inner: ComplexArray) -> tuple[ComplexArray, float]:
@@ -282,12 +293,10 @@ def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
 
     No path moves by more than `LONGEST_STEP` along any axis: further away it has other neighbours.
     """
-    matrix = now.flat_information
-    diagonal = np.diagonal(matrix)
-    scale = _unit_scale(diagonal)
-    scaled = matrix * scale[:, None] * scale
-    scaled[np.diag_indices_from(scaled)] += damping + TINY
-    flat = scale * _solve_positive(scaled, scale * now.slope.ravel())
+    diagonal = np.diagonal(now.flat_information)
+    scale = unit_scale(diagonal)
+    scaled = scaled_matrix(now.flat_information, scale, damping + TINY)
+    flat = scale * solve_positive(scaled, scale * now.slope.ravel())
     step = flat.reshape(now.slope.shape)[:, 2:]
     own = diagonal.reshape(now.slope.shape)
     length = np.abs(step) * np.sqrt(own[:, 2:] / own[:, :1]) / np.abs(now.paths.amplitude)[:, None]
@@ -295,17 +304,9 @@ def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
     return step * limit[:, None], float(flat @ now.slope.ravel())
 
 
-def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution of normal equations by Cholesky, or by elimination if rounding makes them indefinite."""
-    _, solution, failed = dposv(matrix, right)
-    return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
-
-
 def response_powers(solution: Solution) -> FloatArray:
     """Power (path,) over the noise of every path alone, summed over all samples."""
-    return np.asarray(
-        np.square(np.abs(solution.paths.amplitude)) * np.einsum("iaia->ia", solution.information)[:, 0]
-    )
+    return np.asarray(np.square(np.abs(solution.paths.amplitude)) * np.diagonal(solution.inner).real)
 
 
 def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArray | float = 0.0) -> FloatArray:
@@ -324,21 +325,3 @@ def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArra
     inverse = regular_inverse(information.reshape(n * n_columns, -1)).reshape(information.shape)
     block = np.einsum("iaib->iab", inverse)[:, 2:, 2:]
     return np.asarray((block + block.swapaxes(1, 2)) / 2)
-
-
-def regular_inverse(information: FloatArray) -> FloatArray:
-    """Inverse of a positive semidefinite matrix; directions without information become large, but finite."""
-    scale = _unit_scale(np.diagonal(information))
-    scaled = information * scale[:, None] * scale + TINY * np.eye(len(scale))
-    root, failed = dpotrf(scaled)
-    if failed or not len(scale):
-        inverse = np.linalg.inv(scaled)
-    else:
-        upper, _ = dpotri(root)
-        inverse = np.triu(upper) + np.triu(upper, 1).T
-    return np.asarray(inverse * scale[:, None] * scale)
-
-
-def _unit_scale(diagonal: FloatArray) -> FloatArray:
-    """Scale that makes the diagonal of a matrix one: units of the columns differ as amplitudes and angles do."""
-    return np.asarray(1 / np.sqrt(np.maximum(diagonal, SMALLEST)))

@@ -12,41 +12,51 @@ import numpy as np
 from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.refine import Reference, Solution, refine_near, refine_separately
 from estimation.channel.coherent.search import DirectionGrid
+from estimation.channel.coherent.tried import TriedPaths
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.direction_prior import direction_log_prior, sees_elevation
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.pose import wrap_angle
-from scenes.record import FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray, IntArray
 
 TWIN_STEPS = 8  # twins of strong paths differ little: they are compared after convergence
 
 
-def move_to_twins(
-    reference: Reference, solution: Solution, grids: tuple[DirectionGrid, DirectionGrid], max_steps: int
-) -> Solution:
-    """The solution, which is at the reference's paths, with every path at its likeliest twin; strongest first."""
-    ends = zip((reference.sweep.tx, reference.sweep.rx), grids, strict=True)
-    if not any(sees_elevation(manifold) and grid.twin.shape[1] > 1 for manifold, grid in ends):
+class TwinChooser:
+    """Moves the paths of one stop to twins on these grids; it knows those that it has tried in vain."""
+
+    def __init__(self, grids: tuple[DirectionGrid, DirectionGrid]) -> None:
+        self._grids, self._tried = grids, TriedPaths()
+
+    def __call__(self, reference: Reference, solution: Solution, max_steps: int) -> Solution:
+        """The solution, which is at the reference's paths, with every path at its likeliest twin.
+
+        The strongest paths come first.
+        """
+        ends = zip((reference.sweep.tx, reference.sweep.rx), self._grids, strict=True)
+        if not any(sees_elevation(manifold) and grid.twin.shape[1] > 1 for manifold, grid in ends):
+            return solution
+        before = solution.paths
+        tried: BoolArray = np.any(self._tried.among(before, manifold_rates(reference.sweep, before)), axis=0)
+        scale = error_scale(*quadrature_statistic(reference, solution))
+        every, origin = _twins(reference, before, self._grids, np.flatnonzero(~tried))
+        refined, power = refine_separately(reference, every, TWIN_STEPS, before.take(origin))
+        posterior = power / scale[origin] + _log_prior(reference.sweep, refined)
+        for path in np.argsort(-np.abs(before.amplitude), kind="stable"):
+            own = np.flatnonzero(origin == path)  # the path itself is the first
+            best = own[np.argmax(posterior[own])] if len(own) else -1
+            if not len(own) or best == own[0]:
+                continue
+            twin, itself = refined.take(np.array([best])), np.array([path])
+            trial = refine_near(reference, solution.paths.with_paths(itself, twin), twin, max_steps)
+            prior, moved_prior = _log_prior(
+                reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
+            )
+            if trial.explained + scale[path] * (moved_prior - prior) > solution.explained:
+                solution, tried[path] = trial, True
+        self._tried.add(before.take(~tried))
         return solution
-    before = solution
-    scale = error_scale(*quadrature_statistic(reference, solution))
-    every, origin = _twins(reference, before.paths, grids)
-    refined, power = refine_separately(reference, every, TWIN_STEPS, before.paths.take(origin))
-    posterior = power / scale[origin] + _log_prior(reference.sweep, refined)
-    for path in np.argsort(-np.abs(before.paths.amplitude), kind="stable"):
-        own = np.flatnonzero(origin == path)  # the path itself is the first
-        best = own[np.argmax(posterior[own])] if len(own) else -1
-        if not len(own) or best == own[0]:
-            continue
-        twin, itself = refined.take(np.array([best])), np.array([path])
-        trial = refine_near(reference, solution.paths.with_paths(itself, twin), twin, max_steps)
-        prior, moved_prior = _log_prior(
-            reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
-        )
-        if trial.explained + scale[path] * (moved_prior - prior) > solution.explained:
-            solution = trial
-    return solution
 
 
 def _log_prior(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
@@ -54,11 +64,11 @@ def _log_prior(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
 
 
 def _twins(
-    reference: Reference, paths: PathParameters, grids: tuple[DirectionGrid, DirectionGrid]
+    reference: Reference, paths: PathParameters, grids: tuple[DirectionGrid, DirectionGrid], some: IntArray
 ) -> tuple[PathParameters, IntArray]:
-    """Paths with twins, each followed by itself at every twin of its directions; and the number of each."""
-    rates = manifold_rates(reference.sweep, paths)[:, 1:]
-    n_aod = paths.aod_rad.shape[1]
+    """Those of `some` paths with twins, each followed by itself at every twin; and the number of each path."""
+    paths = paths.take(some)
+    rates, n_aod = manifold_rates(reference.sweep, paths)[:, 1:], paths.aod_rad.shape[1]
     tx_rate, rx_rate = rates[:, :n_aod], rates[:, n_aod : n_aod + paths.aoa_rad.shape[1]]
     departures = _directions(reference.sweep.tx, paths.aod_rad, tx_rate, grids[0])
     arrivals = _directions(reference.sweep.rx, paths.aoa_rad, rx_rate, grids[1])
@@ -70,7 +80,7 @@ def _twins(
             aoa.append(np.tile(rx, (len(tx), 1)))
             origin += [path] * n
     index = np.array(origin, int)
-    return replace(paths.take(index), aod_rad=np.concatenate(aod), aoa_rad=np.concatenate(aoa)), index
+    return replace(paths.take(index), aod_rad=np.concatenate(aod), aoa_rad=np.concatenate(aoa)), some[index]
 
 
 def _directions(

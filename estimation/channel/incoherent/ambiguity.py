@@ -24,7 +24,7 @@ from scenes.record import FloatArray
 
 LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the searched elevations
 REACH_CELLS = 2.0  # of azimuth to either side of the path's own
-SCAN_PER_CELL = 16.0  # azimuths per Rayleigh cell
+SCAN_PER_CELL = 4.0  # azimuths per Rayleigh cell: places from which modes are fitted
 FAR_BELOW = 30.0  # the path's own place, tempered: no prior brings such a mode back
 LEAST_LOG_WEIGHT = -5.0  # relative to the best mode, below which a mode does not count
 # Share of a path's power that beam models do not explain: the darkest pairs with a part of it are left out.

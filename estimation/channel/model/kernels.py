@@ -5,7 +5,7 @@ Every function writes out one formula over small arrays, where the overhead of a
 
 import numpy as np
 
-from estimation.execution import compiled
+from estimation.execution import compiled, compiled_fast
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 NEAR_BINS = 1e-3  # distance from its peak below which the series of the Dirichlet kernel is used
@@ -81,7 +81,7 @@ def element_tangents(
     return out
 
 
-@compiled
+@compiled_fast
 def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> ComplexArray:
     """Inner products (path, tangent) of tangents with samples already summed over delay.
 
@@ -91,16 +91,18 @@ def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> 
     n_paths, n_delay, _, n_tx, n_rx = slices.shape
     n_aod, n_aoa = tx.shape[1] - 1, rx.shape[1] - 1
     products = np.zeros((n_paths, n_delay + n_aod + n_aoa), np.complex128)
+    real, imaginary = rx.real.copy(), rx.imag.copy()
     along = np.empty(1 + n_aoa, np.complex128)
     for p in range(n_paths):
         for d in range(n_delay):
-            n_needed = 1 + n_aoa if d == 0 else 1
             for i in range(n_tx):
-                along[:] = 0
-                for j in range(n_rx):
-                    sample = complex(slices[p, d, 0, i, j], slices[p, d, 1, i, j])
-                    for b in range(n_needed):
-                        along[b] += sample * rx[p, b, j].conjugate()
+                for b in range(1 + n_aoa if d == 0 else 1):
+                    own, turned = 0.0, 0.0
+                    for j in range(n_rx):
+                        x, y = slices[p, d, 0, i, j], slices[p, d, 1, i, j]
+                        own += x * real[p, b, j] + y * imaginary[p, b, j]
+                        turned += y * real[p, b, j] - x * imaginary[p, b, j]
+                    along[b] = complex(own, turned)
                 products[p, d] += along[0] * tx[p, 0, i].conjugate()
                 if d == 0:
                     for a in range(n_aod):
@@ -132,31 +134,33 @@ def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray | Comple
     return gram
 
 
-@compiled
-def real_equations(
-    gram: ComplexArray, residual: ComplexArray, amplitude: ComplexArray
-) -> tuple[FloatArray, FloatArray]:
-    """Normal matrix (path, column, path, column) and gradient (path, column) in real unknowns.
+@compiled_fast
+def normal_matrix(
+    tx: ComplexArray, rx: ComplexArray, delay: FloatArray | ComplexArray, amplitude: ComplexArray
+) -> FloatArray:
+    """Normal matrix (path, column, path, column) in real unknowns, from inner products as in `hadamard_gram`.
 
-    `gram` (path, tangent, path, tangent) holds the inner products of the tangents, `residual` (path, tangent)
-    those with the residual. The columns of a path are the derivatives over the real and the imaginary part of its
-    amplitude, then over its parameters.
+    The columns of a path are the derivatives over the real and the imaginary part of its amplitude, then over its
+    parameters, one for each tangent but the value.
     """
-    n_paths, n_tangents = residual.shape
-    n = n_tangents + 1
-    matrix, slope = np.empty((n_paths, n, n_paths, n)), np.empty((n_paths, n))
+    n_paths, n_delay, n_aod = len(amplitude), delay.shape[1], tx.shape[1] - 1
+    n = n_delay + tx.shape[1] + rx.shape[1] - 1
+    factor = np.zeros((3, n), np.int64)  # of delay, departure and arrival that each column has
+    for column in range(2, n):
+        a = column - 1
+        axis = 0 if a < n_delay else (1 if a < n_delay + n_aod else 2)
+        factor[axis, column] = a - (0, n_delay - 1, n_delay + n_aod - 1)[axis]
     scale = np.empty((n_paths, n), np.complex128)
     for p in range(n_paths):
-        scale[p, 0], scale[p, 1] = 1.0, 1j
-        for a in range(2, n):
-            scale[p, a] = amplitude[p]
+        scale[p, 0], scale[p, 1], scale[p, 2:] = 1.0, 1j, amplitude[p]
+    matrix = np.empty((n_paths, n, n_paths, n))
     for p in range(n_paths):
-        for a in range(n):
-            turned = scale[p, a].conjugate()
-            tangent = max(a - 1, 0)
-            slope[p, a] = (turned * residual[p, tangent]).real
-            for q in range(n_paths):
+        for q in range(p, n_paths):
+            for a in range(n):
+                d, i, j = factor[0, a], factor[1, a], factor[2, a]
+                left = scale[p, a].conjugate()
                 for b in range(n):
-                    product = turned * gram[p, tangent, q, max(b - 1, 0)] * scale[q, b]
-                    matrix[p, a, q, b] = product.real
-    return matrix, slope
+                    e, k, h = factor[0, b], factor[1, b], factor[2, b]
+                    product = left * scale[q, b] * tx[p, i, q, k] * rx[p, j, q, h] * delay[p, d, q, e]
+                    matrix[p, a, q, b] = matrix[q, b, p, a] = product.real
+    return matrix

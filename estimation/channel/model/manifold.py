@@ -6,6 +6,7 @@ moves by pi / sqrt(3) over one Rayleigh cell, along any axis.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -164,6 +165,7 @@ class Manifold:
         """Length on the manifold per rad (direction, angle), along each angle alone."""
         return np.asarray(np.sqrt(np.diagonal(self.metric(angles), axis1=1, axis2=2)))
 
+    @lru_cache(maxsize=32)  # noqa: B019  manifolds are few and live long
     def grid(self, oversampling: float) -> FloatArray:
         """Directions (direction, angle) in rad that the beams cover, `oversampling` per Rayleigh cell.
 

@@ -9,16 +9,18 @@ needed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
 from estimation.channel.model.compress import CompressedSweep
-from estimation.channel.model.kernels import hadamard_gram, tangent_products
+from estimation.channel.model.kernels import hadamard_gram, normal_matrix, tangent_products
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.turns import is_moving
 from scenes.pose import within_poles, wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
+
+A = TypeVar("A", FloatArray, ComplexArray)
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,20 @@ def gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     return _tied(_tied(gram, at, 1), other, 3)
 
 
+def normal_equations(
+    at: PathTangents, rest: ComplexArray, amplitude: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Normal matrix (path, column, path, column) and gradient (path, column) in real unknowns.
+
+    `rest` (path, tangent) are the inner products of the tangents with the residual of all paths. The columns of a
+    path are the derivatives over the real and the imaginary part of its amplitude, then over its parameters.
+    """
+    gram = _axis_gram(at.tx, at.tx), _axis_gram(at.rx, at.rx), _axis_gram(at.delay, at.delay)
+    matrix = normal_matrix(*gram, amplitude)
+    slope = np.concatenate([rest[:, :1].real, rest[:, :1].imag, (amplitude.conj()[:, None] * rest[:, 1:]).real], 1)
+    return np.asarray(_tied(_tied(matrix, at, 1, before=1), at, 3, before=1)), slope
+
+
 def own_gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     """Inner products (path, tangent, tangent) of the tangents of each path and of its partner in `other`."""
     return group_gram_matrix(at, other, 1)[:, 0, :, 0]
@@ -186,11 +202,14 @@ def group_gram_matrix(
     return _tied(_tied(gram, at, 2), other, 4)
 
 
-def _tied(products: ComplexArray | FloatArray, at: PathTangents, axis: int) -> ComplexArray:
-    """Products over all tangents along an axis, with both slopes over turns added to one, the last."""
+def _tied(products: A, at: PathTangents, axis: int, before: int = 0) -> A:
+    """Products over all tangents along an axis, with both slopes over turns added to one, the last.
+
+    There are so many more columns `before` the tangents.
+    """
     if not at.is_tied:
-        return np.asarray(products)
-    of_tx = at.delay.shape[1] + at.tx.shape[1] - 2
+        return products
+    of_tx = before + at.delay.shape[1] + at.tx.shape[1] - 2
     both = np.take(products, of_tx, axis) + np.take(products, -1, axis)
     rest = np.delete(products, [of_tx, products.shape[axis] - 1], axis)
     return np.concatenate([rest, np.expand_dims(both, axis)], axis=axis)

@@ -8,10 +8,10 @@ from estimation.channel.coherent.refine import (
     paths_near,
     refine_near,
     refine_paths,
-    regular_inverse,
     solve_amplitudes,
     solve_at,
 )
+from estimation.channel.model.cholesky import regular_inverse
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
 

@@ -13,6 +13,7 @@ from estimation.channel.model.path_model import (
     PathParameters,
     gram_matrix,
     group_gram_matrix,
+    normal_equations,
     own_gram_matrix,
     products_with,
     residual,
@@ -95,6 +96,20 @@ def test_inner_products_are_those_of_dense_arrays(swept: CompressedSweep) -> Non
     norm = np.linalg.norm(dense, axis=2)
     assert np.abs((gram_matrix(at, at) - full) / norm[:, :, None, None] / norm).max() < 1e-6
     assert np.allclose(response_energies(at), np.einsum("papa->pa", full)[:, 0].real)
+
+
+def test_normal_equations_are_products_of_the_real_columns(swept: CompressedSweep) -> None:
+    paths, rng = _guess(swept), np.random.default_rng(3)
+    dense, at = _dense_tangents(swept, paths), tangents(swept, paths)
+    rest = rng.standard_normal((*dense.shape[:2], 2)) @ np.array([1.0, 1j])
+    scale = np.repeat(paths.amplitude[:, None], dense.shape[1] - 1, axis=1)
+    columns = np.concatenate([dense[:, :1], 1j * dense[:, :1], scale[..., None] * dense[:, 1:]], axis=1)
+    matrix, slope = normal_equations(at, rest, paths.amplitude)
+    expected = np.einsum("pas,qbs->paqb", columns.conj(), columns).real
+    norm = np.linalg.norm(columns, axis=2)
+    assert np.abs((matrix - expected) / norm[:, :, None, None] / norm).max() < 1e-6
+    assert np.allclose(slope[:, :2], np.stack([rest[:, 0].real, rest[:, 0].imag], axis=1))
+    assert np.allclose(slope[:, 2:], (scale.conj() * rest[:, 1:]).real)
 
 
 def test_residual_is_that_of_dense_arrays(swept: CompressedSweep) -> None:

@@ -6,7 +6,13 @@ import pytest
 from estimation.channel.coherent.plan import nominal_manifold, search_plan
 from estimation.channel.model.compress import compress
 from estimation.channel.model.crb import crb
-from estimation.channel.model.path_model import PathParameters, gram_matrix, products_with, tangents
+from estimation.channel.model.path_model import (
+    PathParameters,
+    gram_matrix,
+    normal_equations,
+    products_with,
+    tangents,
+)
 from estimation.channel.model.turns import sweep_turns
 from sim.config import WaveformConfig
 from sim.observation import BeamClock
@@ -55,7 +61,10 @@ def _tangents_at(turns: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     tx, rx, delay = at.tx[0], at.rx[0], at.delay[0]
     slope = np.einsum("m,n,k->mnk", tx[-1], rx[0], delay[0]) + np.einsum("m,n,k->mnk", tx[0], rx[-1], delay[0])
     value = np.einsum("m,n,k->mnk", tx[0], rx[0], delay[0])
-    return np.stack([value, slope]), gram_matrix(at, at)[0, :, 0], products_with(window.parts, at)[0]
+    matrix, _ = normal_equations(at, np.zeros(gram_matrix(at, at).shape[:2], complex), one.amplitude)
+    gram = gram_matrix(at, at)[0, :, 0]
+    assert np.allclose(matrix[0, 2:, 0, 2:], gram[1:, 1:].real)  # of unit amplitude
+    return np.stack([value, slope]), gram, products_with(window.parts, at)[0]
 
 
 def test_the_slope_over_turns_is_that_of_the_response() -> None:
