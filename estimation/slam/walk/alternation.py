@@ -14,7 +14,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
-from estimation.slam.walk.flats import learned_flats, level_probability
+from estimation.slam.walk.flats import excess_law, learned_flats, with_possible_excess
 from estimation.slam.walk.planes import split_wall
 from estimation.slam.walk.relocate import (
     LEAST_EVIDENCE,
@@ -26,6 +26,7 @@ from estimation.slam.walk.relocate import (
     wall_spans,
 )
 from estimation.slam.walk.residuals import (
+    CERTAIN,
     LEAST_SPARE,
     Association,
     Observations,
@@ -130,7 +131,12 @@ def smooth_walk(
         walk = _relocated(walk, wide, doubtful)
     own = _with_own_roughness(walk)
     walk = own if own.evidence > walk.evidence + LEAST_GAIN else walk
-    return _with_rough_paths(walk, wide)
+    walk = _with_rough_paths(walk, wide)
+    unsure = with_possible_excess(walk.noise.seen, walk.link, walk.now)
+    if unsure is walk.noise.seen:
+        return walk
+    now = minimise_robust_cost(unsure, walk.link, walk.now, walk.noise.config)
+    return walk._replace(now=now, noise=walk.noise._replace(seen=unsure))
 
 
 def _with_rough_paths(walk: SmoothedWalk, wide: Noise) -> SmoothedWalk:
@@ -273,8 +279,7 @@ def _confirm_bounces(
     gated against the solution without these bounces, with its covariance. Where beams show no elevation, those
     are left out of the fit as well that probably come from points higher or lower than the devices.
     """
-    certain = np.isin(link.kind, [PathClass.LOS, PathClass.WALL, PathClass.OBJECT, PathClass.RAISED])
-    counted = np.bincount(seen.row[certain], minlength=seen.n_stops) >= 2
+    counted = np.bincount(seen.row[np.isin(link.kind, CERTAIN)], minlength=seen.n_stops) >= 2
     doubted = np.flatnonzero((link.kind == PathClass.BOUNCE) & counted[seen.row])
     kind = link.kind.copy()
     kind[doubted] = PathClass.UNUSED
@@ -297,7 +302,7 @@ def _confirm_bounces(
     if seen.heights is not None:
         by_range = terms.by_measurement[:, 0]
         std_m = np.sqrt(terms.variance_m2 + spread) / np.abs(by_range)
-        level = level_probability(terms.value_m / by_range, std_m)
+        level = excess_law(terms.value_m / by_range, std_m).level_probability
         kind[doubted[agrees & (level < _LEVEL_PROBABILITY)]] = PathClass.LONE
     return minimise_robust_cost(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
 

@@ -6,12 +6,23 @@ known, its paths obey the law of level ones (`estimation.laws.flat`). So the hei
 learned from all paths of the campaign, and every path is told to be level or not.
 """
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import log_ndtr
 
 from estimation.laws.flat import flat_log_densities
+from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.linearise import path_heights
-from estimation.slam.walk.residuals import Observations, TrajectoryState, without_heading_offsets
+from estimation.slam.walk.residuals import (
+    CERTAIN,
+    Association,
+    Observations,
+    PathClass,
+    TrajectoryState,
+    without_heading_offsets,
+)
 from scenes.record import BoolArray, FloatArray
 
 _LEAST_M, _MOST_M = 0.4, 12.0  # of a surface above or below both devices
@@ -60,12 +71,24 @@ def off_flats(seen: Observations, now: TrajectoryState, is_los: BoolArray, heigh
     return result
 
 
-def level_probability(excess_m: FloatArray, std_m: FloatArray) -> FloatArray:
-    """Probability (path,) that bounces off places of their own are level, against higher or lower places.
+class ExcessLaw(NamedTuple):
+    """By how much bounces off places of their own are longer than as level ones.
 
-    `excess_m` (path,) is by how much a path is longer than as a level bounce, with standard deviations. A place at
-    another height makes it longer only, by an amount with exponential law. Shares and mean are learned (EM), and
-    a share of clutter.
+    Attributes
+    ----------
+    level_probability : (path,) that the place is as high as the devices, against higher or lower
+    variance_m2 : expected squared excess of a bounce of which nothing else is known
+    """
+
+    level_probability: FloatArray
+    variance_m2: float
+
+
+def excess_law(excess_m: FloatArray, std_m: FloatArray) -> ExcessLaw:
+    """The law of bounces that are longer by `excess_m` (path,) than as level ones, with standard deviations.
+
+    A place at another height makes a bounce longer only, by an amount with exponential law. Shares and mean are
+    learned (EM), and a share of clutter.
     """
     mean_m, share = _EXCESS_M[0], np.full(3, 1 / 3)
     level = -0.5 * np.square(excess_m / std_m) - np.log(np.sqrt(2 * np.pi) * std_m)
@@ -81,7 +104,33 @@ def level_probability(excess_m: FloatArray, std_m: FloatArray) -> FloatArray:
         own_m = std_m * (place + hazard)  # expected excess of each, if it is not level
         total = weight[1].sum() + _PSEUDO
         mean_m = float(np.clip((weight[1] @ own_m + _PSEUDO * _EXCESS_M[0]) / total, *_EXCESS_M[1:]))
-    return np.asarray(1 / (1 + np.exp(np.clip(joint[1] - joint[0], -_MOST_LOG, _MOST_LOG))))
+    probability = 1 / (1 + np.exp(np.clip(joint[1] - joint[0], -_MOST_LOG, _MOST_LOG)))
+    return ExcessLaw(probability, float(share[1] / share[:2].sum() * 2 * mean_m**2))
+
+
+def with_possible_excess(seen: Observations, link: Association, now: TrajectoryState) -> Observations:
+    """The paths, with the excess that bounces have elsewhere as an error of those that nothing checks.
+
+    Where a stop has no line of sight and fewer than two paths off shared landmarks, its bounces agree with each
+    other at a wrong place too, if all of them are too long.
+    """
+    if seen.heights is None:
+        return seen
+    n_certain = np.bincount(seen.row[np.isin(link.kind, CERTAIN)], minlength=seen.n_stops)
+    has_los = np.bincount(seen.row[link.kind == PathClass.LOS], minlength=seen.n_stops) > 0
+    is_unchecked = ((n_certain < 2) & ~has_los)[seen.row]
+    is_bounce = np.isin(link.kind, (PathClass.BOUNCE, PathClass.LONE))
+    known, mine = is_bounce & ~is_unchecked, is_bounce & is_unchecked
+    if not mine.any():
+        return seen
+    own = seen.take(known)
+    measured = without_heading_offsets(seen, now, np.flatnonzero(known))
+    terms = bounce_terms(own.tx_rows, measured, own.covariance, own.states(now.state))
+    by_range = terms.by_measurement[:, 0]
+    law = excess_law(terms.value_m / by_range, np.sqrt(terms.variance_m2) / np.abs(by_range))
+    covariance = seen.covariance.copy()
+    covariance[mine, 0, 0] += law.variance_m2
+    return replace(seen, covariance=covariance)
 
 
 def _log_densities(seen: Observations, now: TrajectoryState, path: BoolArray, height_m: FloatArray) -> FloatArray:

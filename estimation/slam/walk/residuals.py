@@ -27,6 +27,7 @@ class PathClass(IntEnum):
 
 
 SINGLE_BOUNCES = (PathClass.BOUNCE, PathClass.LONE, PathClass.WALL, PathClass.OBJECT)  # with an IP of the plane
+CERTAIN = (PathClass.LOS, PathClass.WALL, PathClass.OBJECT, PathClass.RAISED)  # that other stops or laws check
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, Tra
 from estimation.slam.level import KnownHeights
 from estimation.slam.stops import locate_and_map
 from estimation.slam.walk import alternation
-from estimation.slam.walk.flats import learned_flats, level_probability, off_flats
+from estimation.slam.walk.flats import excess_law, learned_flats, off_flats, with_possible_excess
 from estimation.slam.walk.motion import course_of
-from estimation.slam.walk.residuals import TrajectoryState
+from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
 from scenes.pose import Pose, wrap_angle
 from tests.estimation.slam.walk.test_raised import (
     PANELS,
@@ -150,11 +150,30 @@ def test_level_bounces_are_told_from_those_of_other_heights():
     rng = np.random.default_rng(7)
     std_m = rng.uniform(0.002, 0.02, 400)
     excess_m = std_m * rng.normal(size=400)
-    smooth = level_probability(excess_m, std_m)
+    smooth = excess_law(excess_m, std_m).level_probability
     assert (smooth > 0.9).mean() > 0.9  # every path is level: so are they found
     is_raised = rng.random(400) < 0.7
     excess_m += np.where(is_raised, rng.exponential(0.3, 400), 0.0)
-    rough = level_probability(excess_m, std_m)
+    law = excess_law(excess_m, std_m)
+    rough = law.level_probability
+    assert law.variance_m2 == pytest.approx(0.7 * 2 * 0.3**2, rel=0.3)  # of an exponential law
     assert (rough[is_raised] > 0.9).mean() < 0.02
     assert (rough[~is_raised] > 0.9).mean() > 0.4
-    assert level_probability(np.empty(0), np.empty(0)).size == 0
+    assert excess_law(np.empty(0), np.empty(0)).level_probability.size == 0
+
+
+def test_only_bounces_that_nothing_checks_have_the_excess_of_others_as_an_error():
+    *hall, _ = rough_hall(np.random.default_rng(8))
+    seen, now = observed(*hall)
+    kind = np.full(len(seen.row), PathClass.BOUNCE)
+    for stop in range(1, N_STOPS):
+        kind[np.flatnonzero(seen.row == stop)[:2]] = PathClass.OBJECT
+    link = Association(kind, np.full((len(kind), 2), -1))
+    added = with_possible_excess(seen, link, now).covariance - seen.covariance
+    is_first = seen.row == 0
+    assert np.all(added[is_first, 0, 0] > 0.01)
+    assert np.ptp(added[is_first, 0, 0]) < 1e-9
+    added[is_first, 0, 0] = 0.0
+    assert not added.any()
+    kind[seen.row == 0] = np.where(np.arange(is_first.sum()) == 0, PathClass.LOS, PathClass.BOUNCE)
+    assert with_possible_excess(seen, Association(kind, link.landmark), now) is seen
