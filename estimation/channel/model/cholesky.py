@@ -11,7 +11,7 @@ SMALLEST = 1e-150  # diagonal of an unobservable parameter
 
 def solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solution of normal equations by Cholesky, or by elimination if rounding makes them indefinite."""
-    _, solution, failed = dposv(matrix.T, right)  # transposed: in the order of LAPACK, without a copy of its own
+    _, solution, failed = dposv(matrix.T, right)  # symmetric: its transpose is in the order of LAPACK
     return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
 
 

@@ -29,6 +29,11 @@ class BounceResidual:
     by_measurement: FloatArray  # (..., 3), per [range, departure, arrival]
     is_feasible: BoolArray  # (...): the IP is between the devices' rays
 
+    def excess_m(self, further_m2: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """By how much the paths (...) are too long, and standard deviations; `further_m2` adds to the variance."""
+        by_range = self.by_measurement[..., 0]
+        return self.value_m / by_range, np.sqrt(self.variance_m2 + further_m2) / np.abs(by_range)
+
 
 def refine_members(
     problem: SnapshotProblem, los: int, start: FloatArray, config: SnapshotConfig

@@ -12,7 +12,6 @@ from estimation.distributions import chi_square_quantile
 from estimation.laws.plane import state_columns
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
-from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.flats import excess_law, learned_flats, with_possible_excess
 from estimation.slam.walk.planes import split_wall
@@ -26,14 +25,14 @@ from estimation.slam.walk.relocate import (
     wall_spans,
 )
 from estimation.slam.walk.residuals import (
-    CERTAIN,
     LEAST_SPARE,
     Association,
     Observations,
     PathClass,
     TrajectoryState,
+    certain_paths,
+    own_bounces,
     spare_equations,
-    without_heading_offsets,
 )
 from estimation.slam.walk.roughness import is_rough, own_roughness
 from estimation.slam.walk.sessions import split_sessions
@@ -131,12 +130,17 @@ def smooth_walk(
         walk = _relocated(walk, wide, doubtful)
     own = _with_own_roughness(walk)
     walk = own if own.evidence > walk.evidence + LEAST_GAIN else walk
-    walk = _with_rough_paths(walk, wide)
-    unsure = with_possible_excess(walk.noise.seen, walk.link, walk.now)
-    if unsure is walk.noise.seen:
+    return _with_unchecked_bounces(_with_rough_paths(walk, wide))
+
+
+def _with_unchecked_bounces(walk: SmoothedWalk) -> SmoothedWalk:
+    """The walk again, with the possible excess of bounces that nothing checks as an error."""
+    (seen, config), link = walk.noise, walk.link
+    unsure = with_possible_excess(seen, link, walk.now)
+    if unsure is seen:
         return walk
-    now = minimise_robust_cost(unsure, walk.link, walk.now, walk.noise.config)
-    return walk._replace(now=now, noise=walk.noise._replace(seen=unsure))
+    now = minimise_robust_cost(unsure, link, walk.now, config)
+    return walk._replace(now=now, noise=Noise(unsure, config))
 
 
 def _with_rough_paths(walk: SmoothedWalk, wide: Noise) -> SmoothedWalk:
@@ -279,7 +283,7 @@ def _confirm_bounces(
     gated against the solution without these bounces, with its covariance. Where beams show no elevation, those
     are left out of the fit as well that probably come from points higher or lower than the devices.
     """
-    counted = np.bincount(seen.row[np.isin(link.kind, CERTAIN)], minlength=seen.n_stops) >= 2
+    counted = certain_paths(seen, link) >= 2
     doubted = np.flatnonzero((link.kind == PathClass.BOUNCE) & counted[seen.row])
     kind = link.kind.copy()
     kind[doubted] = PathClass.UNUSED
@@ -287,12 +291,7 @@ def _confirm_bounces(
     alone = minimise_robust_cost(seen, without, now, config)
     covariance, _ = normal_equations(seen, without, alone, config).covariance()
     row = seen.row[doubted]
-    terms = bounce_terms(
-        seen.tx_rows[doubted],
-        without_heading_offsets(seen, alone, doubted),
-        seen.covariance[doubted],
-        seen.states(alone.state)[doubted],
-    )
+    terms = own_bounces(seen, alone, doubted)
     own = state_columns(seen.tx_of_path[doubted])
     covariance = covariance[row[:, None, None], own[:, :, None], own[:, None, :]]
     spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance, terms.jacobian)
@@ -300,9 +299,7 @@ def _confirm_bounces(
     agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
     kind[doubted[agrees]] = PathClass.BOUNCE
     if seen.heights is not None:
-        by_range = terms.by_measurement[:, 0]
-        std_m = np.sqrt(terms.variance_m2 + spread) / np.abs(by_range)
-        level = excess_law(terms.value_m / by_range, std_m).level_probability
+        level = excess_law(*terms.excess_m(spread)).level_probability
         kind[doubted[agrees & (level < _LEVEL_PROBABILITY)]] = PathClass.LONE
     return minimise_robust_cost(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
 

@@ -10,7 +10,6 @@ from estimation.distributions import chi_square_quantile
 from estimation.laws import plane as plane_law
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
-from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.assignment import assign_to_landmarks
 from estimation.slam.walk.flats import off_flats
 from estimation.slam.walk.mirrors import find_walls
@@ -20,6 +19,7 @@ from estimation.slam.walk.residuals import (
     Observations,
     PathClass,
     TrajectoryState,
+    own_bounces,
     without_heading_offsets,
 )
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -38,10 +38,7 @@ def single_bounces(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
 ) -> BoolArray:
     """Paths (path,) that are feasible single bounces at the present trajectory."""
-    everyone = np.ones(len(is_los), bool)
-    terms = bounce_terms(
-        seen.tx_rows, without_heading_offsets(seen, now, everyone), seen.covariance, seen.states(now.state)
-    )
+    terms = own_bounces(seen, now, np.arange(len(is_los)))
     gate = chi_square_quantile(config.gate_probability, 1)
     return np.asarray(~is_los & terms.is_feasible & (terms.value_m**2 <= gate * terms.variance_m2))
 

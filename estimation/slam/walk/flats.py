@@ -13,14 +13,14 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from estimation.laws.flat import flat_log_densities
-from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.linearise import path_heights
 from estimation.slam.walk.residuals import (
-    CERTAIN,
     Association,
     Observations,
     PathClass,
     TrajectoryState,
+    certain_paths,
+    own_bounces,
     without_heading_offsets,
 )
 from scenes.record import BoolArray, FloatArray
@@ -116,18 +116,13 @@ def with_possible_excess(seen: Observations, link: Association, now: TrajectoryS
     """
     if seen.heights is None:
         return seen
-    n_certain = np.bincount(seen.row[np.isin(link.kind, CERTAIN)], minlength=seen.n_stops)
     has_los = np.bincount(seen.row[link.kind == PathClass.LOS], minlength=seen.n_stops) > 0
-    is_unchecked = ((n_certain < 2) & ~has_los)[seen.row]
+    is_unchecked = ((certain_paths(seen, link) < 2) & ~has_los)[seen.row]
     is_bounce = np.isin(link.kind, (PathClass.BOUNCE, PathClass.LONE))
     known, mine = is_bounce & ~is_unchecked, is_bounce & is_unchecked
     if not mine.any():
         return seen
-    own = seen.take(known)
-    measured = without_heading_offsets(seen, now, np.flatnonzero(known))
-    terms = bounce_terms(own.tx_rows, measured, own.covariance, own.states(now.state))
-    by_range = terms.by_measurement[:, 0]
-    law = excess_law(terms.value_m / by_range, np.sqrt(terms.variance_m2) / np.abs(by_range))
+    law = excess_law(*own_bounces(seen, now, np.flatnonzero(known)).excess_m())
     covariance = seen.covariance.copy()
     covariance[mine, 0, 0] += law.variance_m2
     return replace(seen, covariance=covariance)

@@ -9,6 +9,7 @@ from enum import IntEnum
 import numpy as np
 
 from estimation.laws.raised import PathHeights
+from estimation.slam.snapshot.refine import BounceResidual, bounce_terms
 from estimation.slam.transmitters import AnyTx, transmitters_of
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -27,7 +28,6 @@ class PathClass(IntEnum):
 
 
 SINGLE_BOUNCES = (PathClass.BOUNCE, PathClass.LONE, PathClass.WALL, PathClass.OBJECT)  # with an IP of the plane
-CERTAIN = (PathClass.LOS, PathClass.WALL, PathClass.OBJECT, PathClass.RAISED)  # that other stops or laws check
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,13 @@ class Association:
     rough: FloatArray = field(default_factory=lambda: np.ones(1))  # (path,) of the roughness in the settings
 
 
+_CERTAIN = (PathClass.LOS, PathClass.WALL, PathClass.OBJECT, PathClass.RAISED)
 LEAST_SPARE = 2  # equations beyond the unknowns of a state that make it certain
+
+
+def certain_paths(seen: Observations, link: Association) -> IntArray:
+    """Number (stop,) of lines of sight and paths off shared landmarks: far more certain than other bounces."""
+    return np.asarray(np.bincount(seen.row[np.isin(link.kind, _CERTAIN)], minlength=seen.n_stops), int)
 
 
 def spare_equations(seen: Observations, link: Association) -> IntArray:
@@ -174,3 +180,9 @@ def without_heading_offsets(seen: Observations, now: TrajectoryState, path: IntA
     measured = seen.measured[path].copy()
     measured[:, 1] += now.offset_rad[now.offset_of(seen)[path]]
     return measured
+
+
+def own_bounces(seen: Observations, now: TrajectoryState, path: IntArray) -> BounceResidual:
+    """Residuals of some paths as single bounces off places of their own."""
+    measured = without_heading_offsets(seen, now, path)
+    return bounce_terms(seen.tx_rows[path], measured, seen.covariance[path], seen.states(now.state)[path])
