@@ -10,6 +10,9 @@ from typing import Any
 from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.patches import Polygon
+
+from scenes.record import FloatArray
 
 TRUTH = "#222222"
 ESTIMATE = "#0072B2"
@@ -66,6 +69,18 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
+def fixed_figure(width_in: float, height_in: float, **margins: float) -> Figure:
+    """An empty figure with given margins and gaps: automatic layout takes as long as drawing does."""
+    figure = Figure(figsize=(width_in, height_in))
+    figure.subplots_adjust(**margins)
+    return figure
+
+
+def fill_area(ax: Any, outline_m: FloatArray, **look: Any) -> None:
+    """Fill a polygon (point, xy) on axes with limits of their own: `Axes.fill` spends its time on limits."""
+    ax.add_artist(Polygon(outline_m, **look))
+
+
 def cluster_look(cluster: int) -> dict[str, Any]:
     """Colour and marker of a cluster; the marker changes after each cycle of colours."""
     return {
@@ -76,7 +91,8 @@ def cluster_look(cluster: int) -> dict[str, Any]:
 
 def legend_below(figure: Figure, handles: list[Any], columns: int) -> Legend:
     """One legend for the whole figure, below the axes."""
-    return figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+    where = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+    return figure.legend(handles=handles, loc=where, ncols=columns)
 
 
 @styled()

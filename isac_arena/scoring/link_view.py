@@ -20,6 +20,7 @@ from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
+from sim.signal.generation import path_waves
 from sim.signal.hardware.apply_impairments import impaired_codebooks, true_tx_pose
 from sim.signal.hardware.config import ImpairmentsConfig
 from sim.signal.hardware.impairments import quantiser_gain
@@ -86,9 +87,8 @@ class LinkView:
         tx = beam_response(self.tx_built, *_departure(truth.paths, self.ends(truth)[0]))
         rx = beam_response(self.rx_built, *_arrival(truth.paths, self.ends(truth)[1]))
         frequency_hz = self.link.frequency_offset_hz
-        filters = np.exp(2j * np.pi * cells.delay_s[:, None] * frequency_hz) * self.window / self.window.sum()
-        delay_s = truth.paths.delay_s + truth.clock_bias_s
-        band = filters @ np.exp(-2j * np.pi * frequency_hz[:, None] * delay_s)
+        filters = path_waves(-cells.delay_s, frequency_hz) * (self.window / self.window.sum())
+        band = filters @ path_waves(truth.paths.delay_s + truth.clock_bias_s, frequency_hz).T
         gain = np.sqrt(self.link.tx_power_mw) * truth.paths.gain
         return np.asarray(tx[cells.tx_beam] * rx[cells.rx_beam] * band * gain)
 
@@ -130,16 +130,15 @@ class LinkView:
         """Delays, departures and arrivals (path, angle) as the beams observe them, and amplitudes in sqrt(mW)."""
         return _seen_paths(self.link, (self.tx, self.rx), truth.paths, self.ends(truth))
 
-    def waves(self, truth: Truth) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-        """Factors of the waves of true paths over TX beams, RX beams and subcarriers, and amplitudes in sqrt(mW).
+    def responses(self, truth: Truth) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Responses of TX beams and of RX beams to true paths, and amplitudes in sqrt(mW).
 
-        (path, beam), (path, beam) over the noise amplitude, (path, subcarrier) and (path,).
+        (path, beam), (path, beam) over the noise amplitude, and (path,).
         """
         paths, link = truth.paths, self.link
         tx = beam_response(link.tx_codebook, *_departure(paths, self.ends(truth)[0])).T
         rx = beam_response(link.rx_codebook, *_arrival(paths, self.ends(truth)[1])).T / self.noise_amplitude
-        wave = np.exp(-2j * np.pi * paths.delay_s[:, None] * link.frequency_offset_hz)
-        return tx, rx, wave, np.asarray(np.sqrt(link.tx_power_mw) * paths.gain)
+        return tx, rx, np.asarray(np.sqrt(link.tx_power_mw) * paths.gain)
 
     @property
     def noise_amplitude(self) -> FloatArray:

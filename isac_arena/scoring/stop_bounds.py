@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.model.crb import path_covariance
+from estimation.channel.model.kernels import dirichlet
 from estimation.channel.record import AngleKind, ChannelEstimate
 from isac_arena.scoring.association import parameter_errors
 from isac_arena.scoring.config import DEFAULT_SEPARABILITY, Separability
@@ -114,16 +115,27 @@ def diffuse_scores(view: LinkView, truth: Truth, rows: IntArray) -> ComplexArray
     Parameters are ordered as in `estimation.channel.model.crb`; samples are in units of their noise.
     """
     delay_s, aod_rad, aoa_rad, amplitude = view.seen_paths(_paths(truth, rows))
-    tx, rx, wave, diffuse = view.waves(_paths(truth, np.flatnonzero(truth.paths.is_diffuse)))
+    scattered = _paths(truth, np.flatnonzero(truth.paths.is_diffuse))
+    tx, rx, diffuse = view.responses(scattered)
     t = np.einsum("iab,pb->aip", view.tx.tangents(aod_rad).conj(), tx, optimize=True)
     r = np.einsum("iab,pb->aip", (view.rx.tangents(aoa_rad) / view.noise_amplitude).conj(), rx, optimize=True)
-    frequency_hz = view.link.frequency_offset_hz
-    own = np.exp(2j * np.pi * delay_s[:, None] * frequency_hz)
-    w, slope = own @ wave.T, (2j * np.pi * frequency_hz * own) @ wave.T
+    apart_s = delay_s[:, None] - scattered.paths.delay_s
+    w, slope = band_products(apart_s, view.link.frequency_offset_hz)
     gain = amplitude.conj()[:, None] * diffuse
     level = t[0] * r[0] * w
     rows_of = [t[0] * r[0] * slope, *(t[1:] * r[0] * w), *(t[0] * r[1:] * w), level, -1j * level]
     return np.stack([gain * one for one in rows_of], axis=1).reshape(len(rows) * len(rows_of), len(diffuse))
+
+
+def band_products(apart_s: FloatArray, frequency_hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """Sums (...) of exp(j 2 pi f tau) over subcarriers of equal steps, and their slopes over tau in 1/s."""
+    n = len(frequency_hz)
+    band_hz = n * (frequency_hz[-1] - frequency_hz[0]) / max(n - 1, 1)
+    centre = 2j * np.pi * (frequency_hz[-1] + frequency_hz[0]) / 2
+    kernel = n * dirichlet(np.zeros(1, int), -band_hz * apart_s.ravel(), n)
+    level, slope = kernel[:, 0].reshape(apart_s.shape), kernel[:, 1].reshape(apart_s.shape)
+    turn = np.exp(centre * apart_s)
+    return level * turn, (band_hz * slope + centre * level) * turn
 
 
 def separable_paths(

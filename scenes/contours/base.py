@@ -10,9 +10,10 @@ import numpy as np
 import shapely
 
 from scenes.contours.pieces import Piece
-from scenes.record import BoolArray, FloatArray, Record
+from scenes.record import BoolArray, FloatArray, IntArray, Record
 
 BODY_SAGITTA_M = 5e-4
+SAME_ANGLE_RAD = 1e-12  # a ray through the end of two chords must cross one of them in spite of rounding
 OUTLINE_SAGITTA_M = 1e-6  # of the polygon that replaces the contour in distance and area computations
 
 
@@ -55,6 +56,12 @@ class Contour(Record):
         return shapely.Polygon(vertices) if self.closed else shapely.LineString(vertices)
 
     @cached_property
+    def _chords(self) -> shapely.STRtree:
+        """The chords of the outline in a tree: the nearest is found without measuring to all of them."""
+        vertices = shapely.get_coordinates(self.outline)
+        return shapely.STRtree(shapely.linestrings(np.stack([vertices[:-1], vertices[1:]], axis=1)))
+
+    @cached_property
     def _interior(self) -> Any:
         interior = shapely.Polygon(self.outline)
         shapely.prepare(interior)
@@ -82,8 +89,11 @@ class Contour(Record):
     def signed_distance(self, points_m: Any) -> FloatArray:
         """Distance (...) in m of points (..., xy) to the boundary, negative inside a closed contour."""
         points = np.asarray(points_m, float)
-        geometry = shapely.points(points)
-        distance = np.asarray(shapely.distance(self.outline, geometry))
+        flat = shapely.points(points.reshape(-1, 2))
+        (row, _), near_m = self._chords.query_nearest(flat, return_distance=True, all_matches=False)
+        distance = np.empty(len(flat))
+        distance[row] = near_m
+        distance = distance.reshape(points.shape[:-1])
         if not self.closed:
             return distance
         return np.where(shapely.contains_xy(self._interior, points[..., 0], points[..., 1]), -distance, distance)
@@ -117,14 +127,37 @@ class Contour(Record):
         If a ray crosses the contour more than once, the farthest crossing counts; NaN if it misses.
         """
         angle = np.asarray(angle_rad, float)
-        center = np.asarray(center_m, float)
-        reach = 2 * float(shapely.hausdorff_distance(shapely.Point(center), self.outline)) + 1.0
-        tips = center + reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
-        rays = shapely.linestrings(np.stack([np.broadcast_to(center, tips.shape), tips], axis=1))
-        crossing, ray = shapely.get_coordinates(shapely.intersection(rays, self.outline), return_index=True)
-        distance = np.full(len(tips), -np.inf)
-        np.maximum.at(distance, ray, np.linalg.norm(crossing - center, axis=1))
+        own = shapely.get_coordinates(self.outline) - np.asarray(center_m, float)
+        start, chord = own[:-1], np.diff(own, axis=0)
+        ray, row = _rays_of_chords(angle.ravel(), np.arctan2(own[:, 1], own[:, 0]))
+        along = np.column_stack([np.cos(angle.ravel()), np.sin(angle.ravel())])[ray]
+        slant = _cross(along, chord[row])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing_m = _cross(start[row], chord[row]) / slant
+        ends_m = [np.sum(along * own[row + end], axis=1) for end in (0, 1)]
+        crossing_m = np.where(slant == 0, np.maximum(*ends_m), crossing_m)
+        distance = np.full(angle.size, -np.inf)
+        np.maximum.at(distance, ray, crossing_m)
         return np.where(np.isfinite(distance), distance, np.nan).reshape(angle.shape)
+
+
+def _rays_of_chords(ray_rad: FloatArray, vertex_rad: FloatArray) -> tuple[IntArray, IntArray]:
+    """Ray and chord (crossing,) of all crossings, from the angles of rays and of the ends of chords."""
+    order = np.argsort(ray_rad % (2 * np.pi))
+    once = (ray_rad % (2 * np.pi))[order]
+    rays = np.concatenate([once - 2 * np.pi, once, once + 2 * np.pi])
+    turn = (np.diff(vertex_rad) + np.pi) % (2 * np.pi) - np.pi
+    low = np.where(turn < 0, vertex_rad[1:], vertex_rad[:-1]) % (2 * np.pi)
+    width = np.where(np.abs(turn) < np.pi - SAME_ANGLE_RAD, np.abs(turn), 2 * np.pi)  # the centre is on the chord
+    first = np.searchsorted(rays, low - SAME_ANGLE_RAD)
+    count = np.searchsorted(rays, low + width + SAME_ANGLE_RAD) - first
+    row = np.repeat(np.arange(len(turn)), count)
+    place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + first[row]
+    return order[place % max(len(once), 1)], row
+
+
+def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
 
 
 def check_distinct(name: str, points_m: FloatArray, n_least: int) -> None:

@@ -8,7 +8,16 @@ from matplotlib.ticker import MultipleLocator
 
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import line_m, shape_curve
-from isac_arena.report.style import BAND_ALPHA, ESTIMATE, SLAM, TRUTH, legend_below, new_figure, styled
+from isac_arena.report.style import (
+    BAND_ALPHA,
+    ESTIMATE,
+    SLAM,
+    TRUTH,
+    fill_area,
+    fixed_figure,
+    legend_below,
+    styled,
+)
 from isac_arena.scoring.stages.shapes import BAND_SIGMAS
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -26,7 +35,7 @@ def cluster_figure(scene: Scene, result: MapResult, cluster: int, object_name: s
     `object_name` is the object that the cluster shows, empty for none. Its true radius is drawn at the angles
     where a ray from the centre meets the object.
     """
-    figure = new_figure(8.4, 3.9)
+    figure = fixed_figure(8.4, 3.9, left=0.07, right=0.98, bottom=0.2, top=0.91, wspace=0.2)
     radial, plane = figure.subplots(1, 2, width_ratios=[1.15, 1])
     points_m = result.ips.position_m[result.shapes.label == cluster]
     handles = _draw_radial(radial, scene, result, cluster, points_m, object_name)
@@ -71,26 +80,30 @@ def _draw_contour(
     curve = shape_curve(result.shapes, cluster)
     outer, inner = (line_m(edge, is_closed=True) for edge in (curve.outer_m, curve.inner_m))
     ring = np.concatenate([outer, inner[::-1]])
-    ax.fill(*ring.T, color=ESTIMATE, alpha=BAND_ALPHA, linewidth=0)
+    fill_area(ax, ring, color=ESTIMATE, alpha=BAND_ALPHA, linewidth=0)
     shown = np.vstack([ring, points_m])
+    outlines = {item.name: item.contour.vertices(DRAWN_SAGITTA_M) for item in scene.objects}
+    own = outlines.get(object_name)
+    if own is not None and np.ptp(own, axis=0).max() <= WHOLE_OBJECT_M:
+        shown = np.vstack([shown, own])
+    low, high = _view(shown)
     for item in scene.objects:
-        outline = item.contour.vertices(DRAWN_SAGITTA_M)
-        line = line_m(outline, is_closed=item.contour.closed)
-        ax.plot(*line.T, color=TRUTH, linestyle="--", linewidth=1.2)
-        if item.name == object_name and np.ptp(outline, axis=0).max() <= WHOLE_OBJECT_M:
-            shown = np.vstack([shown, outline])
+        line = line_m(outlines[item.name], is_closed=item.contour.closed)
+        if (line.min(axis=0) <= high).all() and (line.max(axis=0) >= low).all():
+            ax.plot(*line.T, color=TRUTH, linestyle="--", linewidth=1.2)
     ax.plot(*line_m(curve.points_m, is_closed=True).T, color=ESTIMATE)
     ax.plot(*points_m.T, **POINT)
     handles = ax.plot(
         *result.shapes.center_m[cluster], "X", color=TRUTH, markeredgecolor="white", markersize=8,
         label="object centre", linestyle="none",
     )  # fmt: skip
-    ax.set(xlabel="x in m", ylabel="y in m", aspect="equal", **_view(shown))
+    (x_min, y_min), (x_max, y_max) = low, high
+    ax.set(xlabel="x in m", ylabel="y in m", aspect="equal", xlim=(x_min, x_max), ylim=(y_min, y_max))
     return list(handles)
 
 
-def _view(points_m: FloatArray) -> dict[str, tuple[float, float]]:
-    """Square limits around the points."""
+def _view(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest x and y (xy,) of a square around the points."""
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     middle, half = (low + high) / 2, (0.5 + VIEW_MARGIN) * float((high - low).max())
-    return {"xlim": (middle[0] - half, middle[0] + half), "ylim": (middle[1] - half, middle[1] + half)}
+    return middle - half, middle + half

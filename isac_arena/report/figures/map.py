@@ -14,7 +14,17 @@ from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
 from isac_arena.report.figures.object_names import Box
 from isac_arena.report.figures.plan import draw_plan, plan_view
-from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
+from isac_arena.report.style import (
+    BAND_ALPHA,
+    GHOST,
+    SLAM,
+    TRUTH,
+    cluster_look,
+    fill_area,
+    legend_below,
+    new_figure,
+    styled,
+)
 from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, RIGHT_SURFACE
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables
 from scenes.record import FloatArray
@@ -138,7 +148,7 @@ def _draw_curve(ax: Any, curve: Curve, points_m: FloatArray, row: int, look: dic
         line_m(points, is_closed=curve.is_closed) for points in (curve.points_m, curve.outer_m, curve.inner_m)
     )
     band = np.concatenate([outer, inner[::-1]])
-    ax.fill(*band.T, color=look["color"], alpha=BAND_ALPHA, linewidth=0, zorder=2.5)
+    fill_area(ax, band, color=look["color"], alpha=BAND_ALPHA, linewidth=0, zorder=2.5)
     ax.plot(*line.T, color=look["color"], linewidth=1.4, zorder=5)
     ax.annotate(
         str(row), curve.points_m.mean(axis=0), xytext=(7, 7), textcoords="offset points", ha="center",

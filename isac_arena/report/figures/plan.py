@@ -24,6 +24,7 @@ from isac_arena.report.figures.path_lines import (
     path_summary,
     scatter_points,
 )
+from isac_arena.report.style import fill_area
 from scenes.objects.clutter import Clutter
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.record import FloatArray
@@ -112,8 +113,8 @@ def plan_view(scene: Scene, extent: Literal["walk", "all"]) -> Box:
 def _draw_object(ax: Any, item: SceneObject) -> None:
     color, outline = KIND_COLORS[item.kind], item.contour.vertices(DRAWN_SAGITTA_M)
     if item.contour.closed:
-        ax.fill(*outline.T, facecolor=color, alpha=0.35, linewidth=0)
-        ax.fill(*outline.T, facecolor="none", edgecolor=color, linewidth=1.2)
+        fill_area(ax, outline, facecolor=color, alpha=0.35, linewidth=0)
+        fill_area(ax, outline, facecolor="none", edgecolor=color, linewidth=1.2)
     else:
         ax.plot(*outline.T, color=color, linewidth=1.8, solid_capstyle="round")
 
@@ -121,7 +122,7 @@ def _draw_object(ax: Any, item: SceneObject) -> None:
 def _draw_clutter(ax: Any, mesh: Clutter) -> None:
     color = KIND_COLORS[mesh.kind]
     for outline in mesh.plan_outlines_m:
-        ax.fill(*outline.T, facecolor=color + "59", edgecolor=color, linewidth=1.0)
+        fill_area(ax, outline, facecolor=color + "59", edgecolor=color, linewidth=1.0)
 
 
 def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:
