@@ -12,6 +12,7 @@ An axis name has one length within a record. The axes `xy`, `xy2` and `xyz` have
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
+from functools import cache
 from inspect import cleandoc
 from typing import Any, ClassVar, Self, TypeVar, get_type_hints
 
@@ -88,11 +89,9 @@ class Record(Displayed):
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = dict(FIXED_AXES)
-        for spec in fields(self):
-            if "axes" not in spec.metadata:
-                continue
-            value = _checked(type(self).__name__, spec.name, getattr(self, spec.name), spec.metadata, sizes)
-            object.__setattr__(self, spec.name, value)
+        for name, axes, kind in _array_fields(type(self)):
+            value = _checked(type(self).__name__, name, getattr(self, name), axes, kind, sizes)
+            object.__setattr__(self, name, value)
 
     def take(self, axis: str, index: Any) -> Self:
         """The same record with `index` (mask or integers) applied to one named axis of every field that has it."""
@@ -187,12 +186,18 @@ def concatenate(records: Sequence[R], axis: str) -> R:
     return type(records[0])(**joined)
 
 
-def _checked(owner: str, name: str, value: Any, metadata: Any, sizes: dict[str, int]) -> Any:
-    axes: tuple[str, ...] = metadata["axes"]
-    dtype: np.dtype[Any] = metadata["dtype"]
-    kind = dtype.type if dtype.kind != "U" else str
+@cache
+def _array_fields(kind: type[Record]) -> tuple[tuple[str, tuple[str, ...], type[Any]], ...]:
+    """Name, axes and type of the arrays and numbers of a record."""
+    declared = ((spec.name, spec.metadata) for spec in fields(kind) if "axes" in spec.metadata)
+    return tuple((name, of["axes"], of["dtype"].type if of["dtype"].kind != "U" else str) for name, of in declared)
+
+
+def _checked(
+    owner: str, name: str, value: Any, axes: tuple[str, ...], kind: type[Any], sizes: dict[str, int]
+) -> Any:
     try:
-        result = np.asarray(value, dtype=kind).view()
+        result = np.asarray(value, dtype=kind)
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"{owner}.{name} = {repr(value)[:60]}: must be {'text' if kind is str else kind.__name__}, axes {axes}"
@@ -206,5 +211,6 @@ def _checked(owner: str, name: str, value: Any, metadata: Any, sizes: dict[str, 
             )
     if not axes:
         return result.item()
+    result = result.view()
     result.setflags(write=False)
     return result

@@ -162,6 +162,8 @@ class Consider(ConfigModel):
         States are [x, y, heading, bias] or [x, y, z, heading, bias].
         """
         x, y = from_tx_m[..., 0], from_tx_m[..., 1]
+        if not (self.pointing_std_deg or self.survey_std_m or self.heading_std_deg):
+            return np.zeros((*x.shape, from_tx_m.shape[-1] + 2, from_tx_m.shape[-1] + 2))
         survey = np.full(from_tx_m.shape[-1], self.survey_std_m)
         level = np.zeros((*x.shape, len(survey) - 2))
         turn = np.concatenate(

@@ -81,7 +81,9 @@ def state_equations(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[FloatArray, FloatArray]:
     """Information (stop, 4, 4) and gradient (stop, 4) of the states from the paths, all else held."""
-    terms = _path_terms(linearise(seen, link, now, config), now, config)
+    residuals = linearise(seen, link, now, config)
+    held = replace(residuals, shared=np.full_like(residuals.shared, -1))
+    terms = _path_terms(held, now, 0, config)
     return terms.diagonal, terms.gradient
 
 
@@ -109,9 +111,10 @@ class _PathTerms(NamedTuple):
 
 
 def _path_terms(
-    residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
+    residuals: Linearised, now: TrajectoryState, m: int, config: TrajectoryConfig, weight: FloatArray | None = None
 ) -> _PathTerms:
-    (n, size), m = now.state.shape, now.n_shared
+    """The terms of `m` shared unknowns: all of them, or none where they are held."""
+    n, size = now.state.shape
     weak = np.tile(np.diag(now.per_unknown(_WEAK_STD) ** -2.0), (n, 1, 1))
     terms = _PathTerms(weak, np.zeros((n, size, m)), np.zeros((m, m)), np.zeros((n, size)), np.zeros(m))
     accumulate(
@@ -133,7 +136,7 @@ def _path_terms(
 def _system(
     residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
 ) -> ArrowSystem:
-    diagonal, border, corner, gradient, shared_gradient = _path_terms(residuals, now, config, weight)
+    diagonal, border, corner, gradient, shared_gradient = _path_terms(residuals, now, now.n_shared, config, weight)
     is_expected = weight is not None
     next1, next2 = add_motion(now.state, now.course, config, diagonal, gradient, as_expected=is_expected)
     _add_shared_priors(corner, shared_gradient, border, now, config)
