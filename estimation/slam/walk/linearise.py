@@ -12,7 +12,7 @@ import numpy as np
 from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency, student_t_log_peak
 from estimation.laws.contour import closed_path
-from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, mirror_departure, state_columns, wrapped
+from estimation.laws.plane import bounce_gap_path, los_path, mirror_departure, state_columns, unit, wrapped
 from estimation.laws.raised import PathHeights, raised_path
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import wall_path
@@ -206,11 +206,12 @@ def _bounce(
 @compiled
 def add_roughness(tx: FloatArray, x: FloatArray, point: FloatArray, rough_m: float, cov: FloatArray) -> None:
     """Add the effect of IP errors of `rough_m` in both directions to a covariance of the measurement, in place."""
-    value, by_state, by_point = np.empty(3), np.empty((3, 4)), np.empty((3, 2))
-    bounce_path(tx, x, point, value, by_state, by_point)
+    ux, uy, from_tx = unit(point[0] - tx[0], point[1] - tx[1])
+    vx, vy, from_rx = unit(point[0] - x[0], point[1] - x[1])
+    by_point = ((ux + vx, uy + vy), (-uy / from_tx, ux / from_tx), (-vy / from_rx, vx / from_rx))
     for i in range(3):
         for j in range(3):
-            both = by_point[i, 0] * by_point[j, 0] + by_point[i, 1] * by_point[j, 1]
+            both = by_point[i][0] * by_point[j][0] + by_point[i][1] * by_point[j][1]
             cov[i, j] += rough_m**2 * both
 
 
@@ -222,13 +223,20 @@ def _whiten(cov: FloatArray, value: FloatArray, by_state: FloatArray, by_shared:
         for j in range(i):
             ratio = cov[i, j]
             value[i] -= ratio * value[j]
-            by_state[i] -= ratio * by_state[j]
-            by_shared[i] -= ratio * by_shared[j]
+            for a in range(4):
+                by_state[i, a] -= ratio * by_state[j, a]
+            for p in range(N_SHARED):
+                by_shared[i, p] -= ratio * by_shared[j, p]
         value[i] /= cov[i, i]
-        by_state[i] /= cov[i, i]
-        by_shared[i] /= cov[i, i]
-    by_state *= -1.0
-    by_shared *= -1.0
+        for a in range(4):
+            by_state[i, a] /= cov[i, i]
+        for p in range(N_SHARED):
+            by_shared[i, p] /= cov[i, i]
+    for i in range(3):
+        for a in range(4):
+            by_state[i, a] = -by_state[i, a]
+        for p in range(N_SHARED):
+            by_shared[i, p] = -by_shared[i, p]
 
 
 @compiled

@@ -7,6 +7,7 @@ wall agree however far apart they are; what is no single bounce gives lines at r
 import numpy as np
 from scipy.special import bdtrc
 
+from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 TOLERANCE_M = 0.25  # of a point about its wall
@@ -130,13 +131,15 @@ def _closeness(
     std_rad: FloatArray,
 ) -> FloatArray:
     """Closeness (line, ip), 0 to 1, of points to lines through `at_m` (line, 2): 0 beyond the gates."""
-    normal = np.column_stack([np.cos(line_azimuth), np.sin(line_azimuth)])
-    apart = point_m - at_m[:, None]
-    gap = np.einsum("lpa,la->lp", apart, normal)
-    turned = GATE_STDS * line_std_rad[:, None] * np.linalg.norm(apart, axis=2)
-    off = np.abs(np.angle(np.exp(1j * (azimuth - line_azimuth[:, None]))))
-    is_parallel = off < GATE_STDS * np.hypot(line_std_rad[:, None], std_rad)
-    return np.where(is_parallel, np.maximum(1 - gap**2 / (TOLERANCE_M**2 + turned**2), 0.0), 0.0)
+    facing, std = line_azimuth[:, None], line_std_rad[:, None]
+    off = wrap_angle(azimuth - facing)
+    line, point = np.nonzero(off**2 < GATE_STDS**2 * (std**2 + std_rad**2))
+    x, y = (point_m[point] - at_m[line]).T
+    gap = x * np.cos(line_azimuth)[line] + y * np.sin(line_azimuth)[line]
+    turned2 = (GATE_STDS * line_std_rad[line]) ** 2 * (x**2 + y**2)
+    closeness = np.zeros(off.shape)
+    closeness[line, point] = np.maximum(1 - gap**2 / (TOLERANCE_M**2 + turned2), 0.0)
+    return closeness
 
 
 def _fitted(point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray, start_rad: float) -> FloatArray:
