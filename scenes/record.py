@@ -89,8 +89,9 @@ class Record(Displayed):
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = dict(FIXED_AXES)
-        for name, axes, kind in _array_fields(type(self)):
-            value = _checked(type(self).__name__, name, getattr(self, name), axes, kind, sizes)
+        owner: Any = type(self)
+        for name, axes, kind in _array_fields(owner):
+            value = _checked(owner.__name__, name, getattr(self, name), axes, kind, sizes)
             object.__setattr__(self, name, value)
 
     def take(self, axis: str, index: Any) -> Self:
@@ -187,7 +188,7 @@ def concatenate(records: Sequence[R], axis: str) -> R:
 
 
 @cache
-def _array_fields(kind: type[Record]) -> tuple[tuple[str, tuple[str, ...], type[Any]], ...]:
+def _array_fields(kind: Any) -> tuple[tuple[str, tuple[str, ...], type[Any]], ...]:
     """Name, axes and type of the arrays and numbers of a record."""
     declared = ((spec.name, spec.metadata) for spec in fields(kind) if "axes" in spec.metadata)
     return tuple((name, of["axes"], of["dtype"].type if of["dtype"].kind != "U" else str) for name, of in declared)

@@ -91,9 +91,9 @@ class Contour(Record):
         points = np.asarray(points_m, float)
         flat = shapely.points(points.reshape(-1, 2))
         (row, _), near_m = self._chords.query_nearest(flat, return_distance=True, all_matches=False)
-        distance = np.empty(len(flat))
-        distance[row] = near_m
-        distance = distance.reshape(points.shape[:-1])
+        by_row = np.empty(len(flat))
+        by_row[row] = near_m
+        distance = np.asarray(by_row.reshape(points.shape[:-1]))
         if not self.closed:
             return distance
         return np.where(shapely.contains_xy(self._interior, points[..., 0], points[..., 1]), -distance, distance)

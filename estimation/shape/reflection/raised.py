@@ -29,6 +29,7 @@ _WAYS_M2 = (4.0, 16.0, 64.0)  # squares of ways up and down that fits of images 
 _CLEAR_M = 1.0  # of floor and ceiling from the devices
 _REACH_M = 0.3  # standard deviation of the points of an object about their middle
 _WIDER = (20.0, 4.0, 1.0)  # factors on the standard deviations, one search after another
+_LEAST_EIGENVALUE = 1e-13  # of an information of unit diagonal; less is rounding
 _STEPS = 30
 _SETTLED = 1e-4  # of the log posterior
 _FIRST_DAMPING, _MOST_DAMPING, _LESS, _MORE = 1e-3, 1e6, 0.3, 10.0
@@ -217,13 +218,20 @@ def _fitted(
             is_image, start if is_fixed else 0.0, precision, config.log_path_share, config.log_ghost_density
         )
         value, cost, information = _search(sights, law, np.append(sights.middle_m, start), np.array(_WIDER))
-        sign, log_det = np.linalg.slogdet(information / (2 * np.pi))
-        if sign <= 0 or not np.isfinite(log_det):
+        if not _is_determined(information):
             continue
-        evidence = float(prior - cost - 0.5 * log_det)
+        evidence = float(prior - cost - 0.5 * np.linalg.slogdet(information / (2 * np.pi))[1])
         if best is None or evidence > best.log_evidence:
             best = Spot(value, np.asarray(np.linalg.inv(information)), evidence, is_image)
     return best
+
+
+def _is_determined(information: FloatArray) -> bool:
+    """Whether paths with this information (unknown, unknown) determine all unknowns, up to rounding."""
+    scale = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    if not np.isfinite(information).all() or not scale.all():
+        return False
+    return bool(np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > _LEAST_EIGENVALUE)
 
 
 def _seen_above(sights: _Sights, spot: Spot) -> tuple[FloatArray, FloatArray]:

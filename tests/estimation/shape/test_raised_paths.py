@@ -8,7 +8,7 @@ from estimation.laws.raised import image_path, raised_path
 from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.reflection.levels import on_planes
 from estimation.shape.reflection.objects import find_objects
-from estimation.shape.reflection.raised import upright_paths
+from estimation.shape.reflection.raised import _is_determined, upright_paths
 from estimation.shape.reflection.reflections import Reflections
 from scenes.pose import wrap_angle
 
@@ -133,3 +133,13 @@ def test_heights_that_agree_are_a_plane_and_few_are_none() -> None:
     found = on_planes(height, np.full(16, 0.05**2), np.full(16, 0.2))
     assert found[:8].all() and found[8:].mean() < 0.3
     assert not on_planes(np.array([1.5]), np.array([0.05**2]), np.array([0.2])).any()
+
+
+def test_spots_that_rounding_alone_determines_are_none() -> None:
+    slope = np.array([1e4, -3.0, 2e-3])
+    along_one = np.outer(slope, slope)
+    assert not _is_determined(along_one)
+    assert not _is_determined(np.diag([1.0, 1.0, 0.0]))
+    assert not _is_determined(np.full((3, 3), np.nan))
+    assert _is_determined(np.diag([1e-6, 1.0, 1e12]))
+    assert _is_determined(along_one + np.diag(np.square(slope)) * 1e-6)
