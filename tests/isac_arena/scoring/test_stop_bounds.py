@@ -14,7 +14,7 @@ from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.record import PathStatus
 from isac_arena.scoring.stages.channel import score_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
-from isac_arena.scoring.stop_bounds import CONES, diffuse_scores, stop_information
+from isac_arena.scoring.stop_bounds import CONES, band_products, diffuse_scores, stop_information
 from isac_arena.scoring.true_stop import seen_by, true_stop
 from isac_arena.validation.scenarios.estimates import shift_estimate
 from isac_arena.validation.scenarios.perfect_campaign import DIFFUSE, SMALL_LINK
@@ -214,3 +214,14 @@ def test_the_joint_bound_grows_beside_a_neighbour_and_the_lone_one_does_not(camp
         np.diagonal(pair.bounds.alone[0]), np.diagonal(lone.bounds.joint[0]), rtol=1e-9, atol=0
     )
     assert pair.bounds.joint[0, 0, 0] > 2 * lone.bounds.joint[0, 0, 0]
+
+
+@pytest.mark.parametrize("n_subcarriers", [1, 2, 792])
+def test_sums_over_the_band_and_their_slopes(n_subcarriers):
+    frequency_hz = -1.9e8 + 480e3 * np.arange(n_subcarriers)
+    apart_s = np.array([[0.0, 1e-13, -2e-12], [3e-9, -4e-8, 1e-6]])
+    turn = np.exp(2j * np.pi * apart_s[..., None] * frequency_hz)
+    level, slope = band_products(apart_s, frequency_hz)
+    np.testing.assert_allclose(level, turn.sum(axis=-1), atol=1e-9 * n_subcarriers)
+    expected = (2j * np.pi * frequency_hz * turn).sum(axis=-1)
+    np.testing.assert_allclose(slope, expected, atol=1e-6 * 2 * np.pi * 2e8 * n_subcarriers)

@@ -9,7 +9,7 @@ from isac_arena.validation.scenarios.paths import random_paths
 from scenes.pose import Pose
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.signal.arrays.codebook import beam_response
-from sim.signal.generation import _spanning, beam_channel, beam_channel_blocks, sum_over_paths
+from sim.signal.generation import _spanning, beam_channel, beam_channel_blocks, path_waves, sum_over_paths
 from sim.signal.link import make_codebook, make_link
 
 
@@ -38,6 +38,20 @@ def test_sums_of_waves(count: int, spread_s: float, n_subcarriers: int, first_hz
     expected = direct(tx, rx, delay_s, frequency_hz)
     assert found.dtype == np.complex64 and found.flags.c_contiguous
     assert np.abs(found - expected).max() <= 2e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("n_subcarriers", [1, 2, 63, 64, 65, 792, 3168])
+@pytest.mark.parametrize("kind", ["even", "falling", "with a gap"])
+def test_waves_of_even_and_uneven_subcarriers(n_subcarriers: int, kind: str) -> None:
+    frequency_hz = -1.9e8 + 120e3 * np.arange(n_subcarriers)
+    if kind == "falling":
+        frequency_hz = frequency_hz[::-1]
+    elif kind == "with a gap":
+        frequency_hz[n_subcarriers // 2 :] += 7e3
+    delay_s = np.array([-3e-7, 0.0, 1e-9, 4e-6])
+    expected = np.exp(-2j * np.pi * np.outer(delay_s, frequency_hz))
+    np.testing.assert_allclose(path_waves(delay_s, frequency_hz), expected, atol=2e-12)
+    assert path_waves(delay_s[:0], frequency_hz).shape == (0, n_subcarriers)
 
 
 @pytest.mark.parametrize("count", [0, 3, 1500])
