@@ -159,5 +159,5 @@ def _log_odds(flat: FloatArray, level: FloatArray) -> FloatArray:
     odds = 1.0
     for _ in range(_SHARE_STEPS if is_bounce.any() else 0):
         share = float((1 / (1 + np.exp(-ratio[is_bounce]) / odds)).mean())
-        odds = float(np.clip(share / (1 - share), 0.01, 100.0))
+        odds = float(np.clip(share / max(1 - share, np.finfo(float).tiny), 0.01, 100.0))
     return np.asarray(ratio + np.log(odds))

@@ -9,7 +9,7 @@ from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, Tra
 from estimation.slam.level import KnownHeights
 from estimation.slam.stops import locate_and_map
 from estimation.slam.walk import alternation
-from estimation.slam.walk.flats import excess_law, learned_flats, off_flats, with_possible_excess
+from estimation.slam.walk.flats import _log_odds, excess_law, learned_flats, off_flats, with_possible_excess
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
 from scenes.pose import Pose, wrap_angle
@@ -177,3 +177,10 @@ def test_only_bounces_that_nothing_checks_have_the_excess_of_others_as_an_error(
     assert not added.any()
     kind[seen.row == 0] = np.where(np.arange(is_first.sum()) == 0, PathClass.LOS, PathClass.BOUNCE)
     assert with_possible_excess(seen, Association(kind, link.landmark), now) is seen
+
+
+@pytest.mark.parametrize("flat", [60.0, 0.0, -60.0])
+def test_paths_that_all_agree_leave_odds_that_are_finite(flat):
+    odds = _log_odds(np.full(3, flat), np.full(3, 0.0))
+    assert np.isfinite(odds).all()
+    assert (np.sign(odds) == np.sign(flat)).all()
