@@ -1,5 +1,6 @@
 """Sessions: parts of a campaign between which the heading offset of a device jumps."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from scenes.record import FloatArray, IntArray
 
 # Share of a squared residual that counts beyond 3 standard deviations: the nearer of two far sessions is better.
 _FAR_SHARE = 1e-3
+_MOST_STARTS = 128  # of sessions that are tried: their time grows with the square
 _MIN_STOPS = 4  # of a session: the positions of fewer stops can absorb a jump
 
 
@@ -23,6 +25,8 @@ def segment_offsets(
 
     For known receivers: residuals of the line of sight show the offsets of both headings directly. Squared
     deviations are limited to 3 standard deviations.
+
+    In a long sequence every second, third, ... residual may open a session first; then jumps move to their places.
 
     Parameters
     ----------
@@ -37,27 +41,39 @@ def segment_offsets(
         (session,) index of the first residual of every session, and its offset.
     """
     n = len(residual_rad)
-    best, previous = np.full(n + 1, np.inf), np.zeros(n + 1, int)
-    best[0] = -min_gain
-    for stop in range(min(min_length, n), n + 1):
-        for start in range(0, max(stop - min_length, 0) + 1):
-            if not np.isfinite(best[start]):
-                continue
-            part = slice(start, stop)
-            offset = _robust_mean(residual_rad[part], std_rad[part])
-            z2 = ((residual_rad[part] - offset) / std_rad[part]) ** 2
-            cost = best[start] + min_gain + 0.5 * float(np.sum(np.minimum(z2, 9.0 + _FAR_SHARE * z2)))
-            if cost < best[stop]:
-                best[stop], previous[stop] = cost, start
-    first: list[int] = []
-    stop = n
-    while stop > 0:
-        stop = int(previous[stop])
-        first.append(stop)
-    first.reverse()
+    stride = -(-n // _MOST_STARTS) if n else 1
+
+    def cost(start: int, stop: int) -> float:
+        part = slice(start, stop)
+        z2 = ((residual_rad[part] - _robust_mean(residual_rad[part], std_rad[part])) / std_rad[part]) ** 2
+        return 0.5 * float(np.sum(np.minimum(z2, 9.0 + _FAR_SHARE * z2)))
+
+    first = _partition(cost, [*range(0, n, stride), n], min_length, min_gain)
     bounds = [*first, n]
+    for k in range(1, len(first)):
+        before, after = bounds[k - 1], bounds[k + 1]
+        low = max(bounds[k] - stride + 1, before + min_length)
+        near = range(low, min(bounds[k] + stride, after - min_length + 1))
+        bounds[k] = min([bounds[k], *near], key=lambda jump: cost(before, jump) + cost(jump, after))
     means = [_robust_mean(residual_rad[a:b], std_rad[a:b]) for a, b in pairwise(bounds)]
-    return np.array(first, dtype=np.int64), np.array(means)
+    return np.array(bounds[:-1], dtype=np.int64), np.array(means)
+
+
+def _partition(
+    cost: Callable[[int, int], float], bounds: list[int], min_length: int, min_gain: float
+) -> list[int]:
+    """First residual of every session, in the partition at some of `bounds` of least cost, `min_gain` a jump."""
+    best, previous = {0: -min_gain}, dict[int, int]()
+    for stop in bounds[1:]:
+        for start in [start for start in best if stop - start >= min(min_length, bounds[-1])]:
+            total = best[start] + min_gain + cost(start, stop)
+            if total < best.get(stop, np.inf):
+                best[stop], previous[stop] = total, start
+    first, stop = list[int](), bounds[-1]
+    while stop > 0:
+        stop = previous[stop]
+        first.append(stop)
+    return first[::-1]
 
 
 def split_sessions(

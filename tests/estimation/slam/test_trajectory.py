@@ -123,6 +123,17 @@ def test_segments_of_known_receivers_show_the_offsets():
     assert segment_offsets(0.01 * rng.normal(size=30), np.full(30, 0.01))[0].tolist() == [0]
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 100, 129, 700])
+def test_segments_of_long_campaigns_jump_at_the_same_stops(n):
+    rng = np.random.default_rng(n)
+    std = rng.uniform(0.005, 0.02, n)
+    jumps = [] if n < 100 else [n // 3, n // 3 + n // 5]
+    value = np.searchsorted(jumps, np.arange(n), side="right") * 0.2 + std * rng.normal(size=n)
+    first, mean = segment_offsets(value, std)
+    assert first.tolist() == [0, *jumps]
+    np.testing.assert_allclose(mean, 0.2 * np.arange(len(first)), atol=0.03)
+
+
 @pytest.mark.slow
 def test_no_run_with_thirty_percent_clutter_is_lost():
     for seed in range(20):
