@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from scenes.contours.pieces import Piece
+from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record
 
 BODY_SAGITTA_M = 5e-4
@@ -143,10 +144,11 @@ class Contour(Record):
 
 def _rays_of_chords(ray_rad: FloatArray, vertex_rad: FloatArray) -> tuple[IntArray, IntArray]:
     """Ray and chord (crossing,) of all crossings, from the angles of rays and of the ends of chords."""
-    order = np.argsort(ray_rad % (2 * np.pi))
-    once = (ray_rad % (2 * np.pi))[order]
+    turned = ray_rad % (2 * np.pi)
+    order = np.argsort(turned)
+    once = turned[order]
     rays = np.concatenate([once - 2 * np.pi, once, once + 2 * np.pi])
-    turn = (np.diff(vertex_rad) + np.pi) % (2 * np.pi) - np.pi
+    turn = wrap_angle(np.diff(vertex_rad))
     low = np.where(turn < 0, vertex_rad[1:], vertex_rad[:-1]) % (2 * np.pi)
     width = np.where(np.abs(turn) < np.pi - SAME_ANGLE_RAD, np.abs(turn), 2 * np.pi)  # the centre is on the chord
     first = np.searchsorted(rays, low - SAME_ANGLE_RAD)

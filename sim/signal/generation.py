@@ -16,6 +16,7 @@ import numpy as np
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray, concatenate
 from sim.propagation.paths import Paths
+from sim.signal.arrays.array import phasors
 from sim.signal.arrays.codebook import Codebook, beam_response
 
 OVERSAMPLING = 2.5  # grid delays per 1 / bandwidth
@@ -164,11 +165,7 @@ def path_waves(delay_s: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
 
 
 def _turns(delay_s: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
-    phase = -2 * np.pi * delay_s[:, None] * frequency_hz
-    wave = np.empty(phase.shape, complex)
-    np.cos(phase, out=wave.real)
-    np.sin(phase, out=wave.imag)
-    return wave
+    return phasors(-2 * np.pi * delay_s[:, None] * frequency_hz)
 
 
 def grid_waves(n_grid: int, first_s: float, spacing_s: float, frequency_hz: FloatArray) -> ComplexArray:

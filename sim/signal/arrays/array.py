@@ -94,14 +94,20 @@ def _waves(phase: FloatArray, coordinate: FloatArray) -> ComplexArray:
     step = np.diff(coordinate)
     is_even = len(step) > 2 and np.ptp(step) < 1e-9 * step[0]
     turn = phase[..., None] * (np.array([coordinate[0], np.mean(step)]) if is_even else coordinate)
-    wave = np.empty(turn.shape, complex)
-    np.cos(turn, out=wave.real)
-    np.sin(turn, out=wave.imag)
+    wave = phasors(turn)
     if not is_even:
         return wave
     powers = np.empty((*phase.shape, len(coordinate)), complex)
     powers[..., :1], powers[..., 1:] = wave[..., :1], wave[..., 1:]
     return np.asarray(np.cumprod(powers, axis=-1, out=powers))
+
+
+def phasors(phase_rad: FloatArray) -> ComplexArray:
+    """exp(+j phase) (...): sine and cosine are faster than a complex exponential."""
+    wave = np.empty(phase_rad.shape, complex)
+    np.cos(phase_rad, out=wave.real)
+    np.sin(phase_rad, out=wave.imag)
+    return wave
 
 
 def panel_axes(panel_azimuth_rad: float, panel_tilt_rad: float) -> FloatArray:
