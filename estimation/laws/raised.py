@@ -64,43 +64,74 @@ def raised_path(
     `boresight_rad` (2,) are azimuths of the panels at departure and arrival in the frames of the devices, NaN at
     an end whose azimuths are no cone angles. Range and azimuths are those of `estimation.laws.level.plan_paths`.
     """
-    leg, cosine, azimuth = np.empty(2), np.empty(2), np.empty(2)
-    # Derivatives by x, y and heading of the receiver, then by x, y and height of the point.
-    by_leg, by_cosine, by_azimuth = np.zeros((2, 6)), np.zeros((2, 6)), np.zeros((2, 6))
-    for end in range(2):
-        device = tx if end == 0 else state
-        up = point[2] - difference_m if end == 0 else point[2]
-        east, north = point[0] - device[0], point[1] - device[1]
-        plan = max(np.sqrt(east**2 + north**2), MIN_LENGTH_M)
-        leg[end] = np.sqrt(plan**2 + up**2)
-        cosine[end] = plan / leg[end]
-        azimuth[end] = np.arctan2(north, east) - device[2]
-        for axis, along, across in ((0, east / plan, -north / plan), (1, north / plan, east / plan)):
-            by_leg[end, 3 + axis] = cosine[end] * along
-            by_cosine[end, 3 + axis] = up**2 / leg[end] ** 3 * along
-            by_azimuth[end, 3 + axis] = across / plan
-        by_leg[end, 5], by_cosine[end, 5] = up / leg[end], -plan * up / leg[end] ** 3
-    for by_own in (by_leg, by_cosine, by_azimuth):
-        by_own[1, :2] = -by_own[1, 3:5]
-    by_azimuth[1, 2] = -1.0
-    length = leg[0] + leg[1]
+    # Of either end: direction to the point in the plan, height of the point above it, lengths and azimuth.
+    tx_east, tx_north, tx_plan = _plan_leg(tx, point)
+    rx_east, rx_north, rx_plan = _plan_leg(state, point)
+    tx_up, rx_up = point[2] - difference_m, point[2]
+    tx_leg, rx_leg = np.sqrt(tx_plan**2 + tx_up**2), np.sqrt(rx_plan**2 + rx_up**2)
+    tx_cosine, rx_cosine = tx_plan / tx_leg, rx_plan / rx_leg
+    length = tx_leg + rx_leg
     seen = np.sqrt(max(length**2 - difference_m**2, MIN_LENGTH_M**2))
     stretch = length / seen  # one over the cosine of a level path
-    slope = np.empty((3, 6))
-    slope[0] = stretch * (by_leg[0] + by_leg[1])
-    by_stretch = -(difference_m**2) / seen**3 * (by_leg[0] + by_leg[1])
     value[0] = seen + state[3]
-    for end in range(2):
-        if np.isnan(boresight_rad[end]):
-            value[end + 1], slope[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
-            continue
-        turn = wrapped(azimuth[end] - boresight_rad[end])
-        value[end + 1], across = cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine[end] * stretch)
-        slope[end + 1] = np.cos(turn) * cosine[end] * stretch * by_azimuth[end]
-        slope[end + 1] += np.sin(turn) * (by_cosine[end] * stretch + cosine[end] * by_stretch)
-        slope[end + 1] /= across
-    by_state[:, :3], by_state[:, 3], by_point[:] = slope[:, :3], 0.0, slope[:, 3:]
-    by_state[0, 3] = 1.0
+    tx_azimuth = np.arctan2(point[1] - tx[1], point[0] - tx[0]) - tx[2]
+    rx_azimuth = np.arctan2(point[1] - state[1], point[0] - state[0]) - state[2]
+    value[1], tx_cos, tx_sin, tx_across = _cone(tx_azimuth, boresight_rad[0], tx_cosine, stretch)
+    value[2], rx_cos, rx_sin, rx_across = _cone(rx_azimuth, boresight_rad[1], rx_cosine, stretch)
+    for axis in range(6):  # x, y and heading of the receiver, then x, y and height of the point
+        at_tx = _end_slopes(False, axis, tx_east / tx_plan, tx_north / tx_plan, tx_up, tx_plan, tx_leg)
+        at_rx = _end_slopes(True, axis, rx_east / rx_plan, rx_north / rx_plan, rx_up, rx_plan, rx_leg)
+        by_length = at_tx[0] + at_rx[0]
+        by_stretch = -(difference_m**2) / seen**3 * by_length
+        turn_tx, turn_rx = at_tx[2], at_rx[2]
+        if not np.isnan(boresight_rad[0]):
+            turn_tx = tx_cos * tx_cosine * stretch * at_tx[2]
+            turn_tx = (turn_tx + tx_sin * (at_tx[1] * stretch + tx_cosine * by_stretch)) / tx_across
+        if not np.isnan(boresight_rad[1]):
+            turn_rx = rx_cos * rx_cosine * stretch * at_rx[2]
+            turn_rx = (turn_rx + rx_sin * (at_rx[1] * stretch + rx_cosine * by_stretch)) / rx_across
+        if axis < 3:
+            by_state[0, axis], by_state[1, axis], by_state[2, axis] = stretch * by_length, turn_tx, turn_rx
+        else:
+            own = axis - 3
+            by_point[0, own], by_point[1, own], by_point[2, own] = stretch * by_length, turn_tx, turn_rx
+    by_state[0, 3], by_state[1, 3], by_state[2, 3] = 1.0, 0.0, 0.0
+
+
+@compiled
+def _plan_leg(device: FloatArray, point: FloatArray) -> tuple[float, float, float]:
+    """Way east and north from a device to a point, and its length in the plan."""
+    east, north = point[0] - device[0], point[1] - device[1]
+    return east, north, max(np.sqrt(east**2 + north**2), MIN_LENGTH_M)
+
+
+@compiled
+def _cone(azimuth: float, boresight_rad: float, cosine: float, stretch: float) -> tuple[float, float, float, float]:
+    """Azimuth as it is seen; cosine and sine of the turn off the boresight, and the slope of `cone_azimuth`."""
+    if np.isnan(boresight_rad):
+        return wrapped(azimuth), 1.0, 0.0, 1.0
+    turn = wrapped(azimuth - boresight_rad)
+    seen, across = cone_azimuth(boresight_rad, turn, np.sin(turn) * cosine * stretch)
+    return seen, np.cos(turn), np.sin(turn), across
+
+
+@compiled
+def _end_slopes(
+    is_rx: bool, axis: int, east: float, north: float, up: float, plan: float, leg: float
+) -> tuple[float, float, float]:
+    """Derivatives of the leg of an end, of its cosine and of its azimuth by one of the six axes of `raised_path`.
+
+    `east` and `north` are the unit vector from the end to the point in the plan.
+    """
+    if axis == 2:
+        return 0.0, 0.0, -1.0 if is_rx else 0.0
+    if axis == 5:
+        return up / leg, -plan * up / leg**3, 0.0
+    if axis < 2 and not is_rx:
+        return 0.0, 0.0, 0.0
+    sign = -1.0 if axis < 2 else 1.0  # the receiver moves against the point
+    along, across = (east, -north) if axis in (0, 3) else (north, east)
+    return sign * (plan / leg * along), sign * (up**2 / leg**3 * along), sign * (across / plan)
 
 
 @compiled

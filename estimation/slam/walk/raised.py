@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.execution import compiled
 from estimation.laws.raised import RAISED_STD_M
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import linearise, path_heights
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
-_STARTS_M = (0.7, -0.7, 2.0, -2.0)  # heights over the middle of the devices that fits start from
+_STARTS_M = (0.7, 2.0)  # heights above and below the middle of the devices that fits start from
 _LEAST_GAIN = 5.0  # in log likelihood, for a height: it can only lengthen paths, so errors are taken for it
 _STEPS = 20
 _FIRST_DAMPING, _LESS, _MORE = 1e-3, 0.3, 10.0
@@ -26,16 +27,18 @@ def with_raised(
     """The landmarks with those objects as raised points that explain their paths better so.
 
     `member` (ip,) is the object of every path of `path` (ip,), -1 for none. Both kinds are fitted with the states
-    held, and both have three unknowns: the one of less cost is kept.
+    held, and both have three unknowns: the one of less cost is kept. Between devices at equal heights a point below
+    explains paths as well as one above, so none is tried.
     """
     mine = member >= 0
     own, of_object = seen.take(path[mine]), member[mine]
-    n = len(now.objects)
-    middle = np.bincount(of_object, path_heights(own).difference_m, n) / np.maximum(np.bincount(of_object), 1) / 2
+    n, difference_m = len(now.objects), path_heights(own).difference_m
+    middle = np.bincount(of_object, difference_m, n) / np.maximum(np.bincount(of_object), 1) / 2
+    starts_m = [side * start for start in _STARTS_M for side in ((1, -1) if difference_m.any() else (1,))]
     prior = (config.object_radius_m, config.object_radius_std_m)
     _, cost = _fitted(own, now, of_object, now.objects, PathClass.OBJECT, prior, config)
     best, least, is_raised = np.zeros((n, 3)), cost, np.zeros(n, bool)
-    for start in _STARTS_M:
+    for start in starts_m:
         spot = np.column_stack([now.objects[:, :2], middle + start])
         spot, cost = _fitted(own, now, of_object, spot, PathClass.RAISED, (0.0, RAISED_STD_M), config)
         is_less = cost < least - _LEAST_GAIN * ~is_raised
@@ -67,8 +70,7 @@ def _fitted(
         slope, weight = lin.by_shared[:, :, 1:4], lin.weight(freedom)
         information, gradient = np.tile(np.diag(inverse), (n, 1, 1)), (value - [0, 0, prior[0]]) * inverse
         cost = 0.5 * (value[:, 2] - prior[0]) ** 2 * inverse[2]
-        np.add.at(information, landmark, np.einsum("p,pri,prj->pij", weight, slope, slope))
-        np.add.at(gradient, landmark, np.einsum("p,pri,pr->pi", weight, slope, lin.value))
+        _add_terms(landmark, weight, lin.value, slope, gradient, information)
         loss = (freedom + 3) / 2 * np.log1p(lin.square() / freedom)
         return cost + np.bincount(landmark, loss, n), gradient, information
 
@@ -85,3 +87,27 @@ def _fitted(
         gradient = np.where(is_less[:, None], found[1], gradient)
         information = np.where(is_less[:, None, None], found[2], information)
     return value, cost
+
+
+@compiled
+def _add_terms(
+    landmark: IntArray,
+    weight: FloatArray,
+    value: FloatArray,
+    slope: FloatArray,
+    gradient: FloatArray,
+    information: FloatArray,
+) -> None:
+    """Add the terms of whitened residuals (path, 3) with slopes (path, 3, 3) to those of their landmarks, in place."""
+    for p in range(len(landmark)):
+        own = landmark[p]
+        for i in range(3):
+            fall = 0.0
+            for r in range(3):
+                fall += weight[p] * slope[p, r, i] * value[p, r]
+            gradient[own, i] += fall
+            for j in range(3):
+                product = 0.0
+                for r in range(3):
+                    product += weight[p] * slope[p, r, i] * slope[p, r, j]
+                information[own, i, j] += product
