@@ -291,7 +291,7 @@ class CampaignRun:
     @cached_property
     def heights(self) -> KnownHeights | None:
         """The surveyed heights of the devices, where mapping and SLAM may use them."""
-        rx_height_m = np.array([self.scene.stops[stop].position_m[2] for stop in self.chosen_stops])
+        rx_height_m = self.scene.walk.positions_m()[list(self.chosen_stops), 2]
         poses, arrays = ([one.scene.tx for one in self.links], [one.config.end_arrays for one in self.links])
         return known_heights(self.config, poses, rx_height_m=rx_height_m, arrays=arrays)
 
