@@ -106,7 +106,9 @@ def _plan_leg(device: FloatArray, point: FloatArray) -> tuple[float, float, floa
 
 
 @compiled
-def _cone(azimuth: float, boresight_rad: float, cosine: float, stretch: float) -> tuple[float, float, float, float]:
+def _cone(
+    azimuth: float, boresight_rad: float, cosine: float, stretch: float
+) -> tuple[float, float, float, float]:
     """Azimuth as it is seen; cosine and sine of the turn off the boresight, and the slope of `cone_azimuth`."""
     if np.isnan(boresight_rad):
         return wrapped(azimuth), 1.0, 0.0, 1.0

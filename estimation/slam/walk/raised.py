@@ -27,8 +27,8 @@ def with_raised(
     """The landmarks with those objects as raised points that explain their paths better so.
 
     `member` (ip,) is the object of every path of `path` (ip,), -1 for none. Both kinds are fitted with the states
-    held, and both have three unknowns: the one of less cost is kept. Between devices at equal heights a point below
-    explains paths as well as one above, so none is tried.
+    held, and both have three unknowns: the one of less cost is kept. Between devices at equal heights a point
+    below explains paths as well as one above, so none is tried.
     """
     mine = member >= 0
     own, of_object = seen.take(path[mine]), member[mine]
@@ -98,7 +98,7 @@ def _add_terms(
     gradient: FloatArray,
     information: FloatArray,
 ) -> None:
-    """Add the terms of whitened residuals (path, 3) with slopes (path, 3, 3) to those of their landmarks, in place."""
+    """Add the terms of whitened residuals (path, 3) with slopes (path, 3, 3) to their landmarks, in place."""
     for p in range(len(landmark)):
         own = landmark[p]
         for i in range(3):

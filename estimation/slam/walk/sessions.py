@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,9 @@ from scenes.record import FloatArray, IntArray
 # Share of a squared residual that counts beyond 3 standard deviations: the nearer of two far sessions is better.
 _FAR_SHARE = 1e-3
 _MOST_STARTS = 128  # of sessions that are tried: their time grows with the square
+_STOPS_PER_JUMP = 128  # of a walk: so many sessions may open at the same time
+_TRIALS = 5
+_LEAST_INFORMATION = 1e-3  # about a jump
 _MIN_STOPS = 4  # of a session: the positions of fewer stops can absorb a jump
 
 
@@ -82,27 +86,58 @@ def split_sessions(
     """Split a session where a jump of the TX heading offset lowers the cost most, if by `min_session_gain`.
 
     Candidates are ranked by the gain of one Gauss-Newton step of all unknowns and a jump of all TX; the best five
-    are solved. With one TX the longest session has offset zero: an offset common to all sessions turns everything
-    about the TX and is unobservable.
+    are solved. In a long walk each of these takes others with it, so that the number of turns does not grow with
+    the walk; where they do not pay together, the best one is taken alone. With one TX the longest session has
+    offset zero: an offset common to all sessions turns everything about the TX and is unobservable.
     """
     candidates = _candidates(now.session)
     if not len(candidates):
         return now
-    gain = score_gains(seen, link, now, candidates, config)
-    before = robust_cost(seen, link, now, config)
-    best, best_cost = now, before - config.min_session_gain * now.n_tx
-    for stop in candidates[np.argsort(-gain)[:5]]:
-        trial = minimise_robust_cost(seen, link, with_jump(now, int(stop)), config)
-        cost = robust_cost(seen, link, trial, config)
-        if cost < best_cost:
-            best, best_cost = trial, cost
+    slope, information = _jump_terms(seen, link, now, candidates, config)
+    price = config.min_session_gain * now.n_tx
+    best, least = now, robust_cost(seen, link, now, config)
+    for most in dict.fromkeys((max(len(now.session) // _STOPS_PER_JUMP, 1), 1)):
+        for first in np.argsort(-_gains(slope, information))[:_TRIALS].tolist():
+            jumps = candidates[_together(first, slope, information, candidates, most, price)]
+            trial = minimise_robust_cost(seen, link, reduce(with_jump, jumps.tolist(), now), config)
+            cost = robust_cost(seen, link, trial, config) + price * len(jumps)
+            if cost < least:
+                best, least = trial, cost
+        if best is not now:
+            break
     return best
 
 
-def score_gains(
+def _together(
+    first: int, slope: FloatArray, information: FloatArray, candidates: IntArray, most: int, price: float
+) -> list[int]:
+    """Candidates that open sessions at the same time: the `first` and others worth their price, at most `most`.
+
+    Each is worth what it gains after those before it: near a jump other candidates gain as well, but not twice.
+    """
+    chosen, slope, information = [first], slope.copy(), information.copy()
+    while len(chosen) < most:
+        last = chosen[-1]
+        by_last = information[:, last] / max(information[last, last], _LEAST_INFORMATION)
+        slope -= by_last * slope[last]
+        information -= np.outer(by_last, information[last])
+        apart = np.abs(candidates[:, None] - candidates[chosen]).min(axis=1)
+        gain = np.where(apart >= _MIN_STOPS, _gains(slope, information), 0.0)
+        if gain.max() < price:
+            break
+        chosen.append(int(np.argmax(gain)))
+    return chosen
+
+
+def _gains(slope: FloatArray, information: FloatArray) -> FloatArray:
+    """Fall of the cost (candidate,) that one Gauss-Newton step predicts for a jump before each candidate."""
+    return np.asarray(0.5 * slope**2 / np.maximum(np.diag(information), _LEAST_INFORMATION))
+
+
+def _jump_terms(
     seen: Observations, link: Association, now: TrajectoryState, candidates: IntArray, config: TrajectoryConfig
-) -> FloatArray:
-    """Fall of the cost (candidate,) predicted by one Gauss-Newton step for a jump before each stop."""
+) -> tuple[FloatArray, FloatArray]:
+    """Slope (candidate,) and information (candidate, candidate) of jumps, all other unknowns eliminated."""
     system = normal_equations(seen, link, now, config)
     (n, size), m = now.state.shape, len(candidates)
     residuals = linearise(seen, link, now, config)
@@ -120,17 +155,16 @@ def score_gains(
         product[used],
     )
     after = (np.arange(n)[:, None] >= candidates).astype(float)
-    by_jump = by_stop[:, :, None] * after[:, None, :]
+    by_jump = (by_stop[:, :, None] * after[:, None, :]).reshape(size * n, m)
     shared_by_jump = shared_by_stop.T @ after
     own: FloatArray = np.bincount(residuals.row, product[:, 0], n) @ after
     slope: FloatArray = np.bincount(residuals.row, np.einsum("pd,pd->p", turn, residuals.value), n) @ after
     if now.n_tx == 1:
         shared_by_jump[now.anchor] = 0.0
-    states, shared = system.solve_for(by_jump.reshape(size * n, m), shared_by_jump)
-    gradient = system.gradient.ravel()
-    slope = slope - gradient @ states - system.shared_gradient @ shared
-    through = np.sum(by_jump.reshape(size * n, m) * states, axis=0) + np.sum(shared_by_jump * shared, axis=0)
-    return np.asarray(0.5 * slope**2 / np.maximum(own - through, 1e-3))
+    states, shared = system.solve_for(by_jump, shared_by_jump)
+    slope = slope - system.gradient.ravel() @ states - system.shared_gradient @ shared
+    both = own[np.maximum.outer(np.arange(m), np.arange(m))]  # candidates are in order: after the later of two
+    return slope, both - by_jump.T @ states - shared_by_jump.T @ shared
 
 
 def with_jump(now: TrajectoryState, stop: int) -> TrajectoryState:

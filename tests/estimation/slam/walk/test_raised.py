@@ -201,6 +201,35 @@ def test_clusters_become_points_at_heights_or_stay_upright():
     np.testing.assert_array_equal(found.objects, start[len(HALL) :])  # poles stay as they were
 
 
+def test_points_below_the_devices_are_found_where_their_heights_differ():
+    """Between devices at equal heights fits from below mirror those from above; between others they do not."""
+    rng, n = np.random.default_rng(8), 30
+    spots = np.array([[4.0, 3.0, 1.6], [9.0, -2.0, -1.4]])  # heights over the receiver
+    state = np.column_stack([np.linspace(3, 12, n), np.sin(np.arange(n)), rng.uniform(-1, 1, n), np.zeros(n)])
+    member = np.tile([0, 1], n)
+    for difference_m in (0.0, 0.7):
+        ends = PathHeights(np.full(2 * n, difference_m), np.full((2 * n, 2), np.nan))
+        tx = np.array([*TX.position_m[:2], TX.heading_rad])
+        measured = np.array(
+            [predicted(tx, state[k], spot, *no_cone(difference_m))[0] for k in range(n) for spot in spots]
+        )
+        covariance = np.tile(np.diag(STD**2), (2 * n, 1, 1))
+        seen = Observations(
+            TX, n, np.repeat(np.arange(n), 2), measured, covariance, np.zeros((3, 3)), heights=ends
+        )
+        start = np.column_stack([spots[:, :2] + 0.2, [0.05, 0.05]])
+        now = TrajectoryState(state, np.zeros(1), np.empty((0, 2)), start, np.zeros(n, int), 0, course_of(state))
+        found = with_raised(
+            seen, now, np.arange(2 * n), member, CONFIG.model_copy(update={"object_roughness_m": 0.005})
+        )
+        expected = np.column_stack([spots[:, :2], spots[:, 2] if difference_m else np.abs(spots[:, 2])])
+        np.testing.assert_allclose(found.raised, expected, atol=0.02)
+
+
+def no_cone(difference_m):
+    return difference_m, np.full(2, np.nan)
+
+
 def test_a_ceiling_that_scatters_helps_the_walk_instead_of_pulling_it(monkeypatch):
     estimates, position, _ = hall_walk(np.random.default_rng(5))
     slam = SnapshotConfig(noise=PathNoise())
