@@ -39,6 +39,8 @@ def flat_path(
     east, north = state[0] - tx[0], state[1] - tx[1]
     plan_m = np.sqrt(max(length**2 - (abs(up_tx) + abs(up_rx)) ** 2, LEAST_LEG_M))
     plan[1], plan[2], slope[:] = measured[1], measured[2], 1.0
+    turns = wrapped(measured[1] - boresight_rad[0]), wrapped(measured[2] - boresight_rad[1])
+    sines, cosines = (np.sin(turns[0]), np.sin(turns[1])), (np.cos(turns[0]), np.cos(turns[1]))
     for _ in range(TURNS):
         departure, arrival = tx[2] + plan[1], state[2] + plan[2]
         middle, half = (departure + arrival) / 2, (arrival - departure) / 2
@@ -56,9 +58,8 @@ def flat_path(
             if np.isnan(boresight_rad[end]):
                 continue
             cosine = (leg_tx / slant_tx if end == 0 else leg_rx / slant_rx) * length / seen_m
-            turn = wrapped(measured[1 + end] - boresight_rad[end])
-            plan[1 + end], across = cone_azimuth(boresight_rad[end], turn, np.sin(turn) / cosine)
-            slope[1 + end] = abs(np.cos(turn) / (cosine * across))
+            plan[1 + end], across = cone_azimuth(boresight_rad[end], cosines[end], sines[end] / cosine)
+            slope[1 + end] = abs(cosines[end] / (cosine * across))
     plan[0] = plan_m + state[3]
 
 

@@ -195,7 +195,10 @@ def lit_normals(point_m: FloatArray, tx: Pose | FloatArray, rx_m: FloatArray) ->
 @compiled
 def wrapped(angle: float) -> float:
     """An angle wrapped to [-pi, pi)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
+    from_back = angle + np.pi
+    if not 0.0 <= from_back < 2 * np.pi:  # most angles need no division
+        from_back %= 2 * np.pi
+    return from_back - np.pi
 
 
 @compiled

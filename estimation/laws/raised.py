@@ -35,14 +35,14 @@ def raised_range(tx: FloatArray, state: FloatArray, point: FloatArray, differenc
 
 
 @compiled
-def cone_azimuth(boresight_rad: float, turn_rad: float, sine: float) -> tuple[float, float]:
+def cone_azimuth(boresight_rad: float, turn_cosine: float, sine: float) -> tuple[float, float]:
     """Azimuth that a panel shows for a sine of the cone angle, and the slope of the sine by it.
 
-    `turn_rad` is the true azimuth over the boresight: it tells front and back of the panel.
+    `turn_cosine` is that of the true azimuth over the boresight: it tells front and back of the panel.
     """
     sine = min(max(sine, -STEEPEST_SINE), STEEPEST_SINE)
     opening, across = np.arcsin(sine), np.sqrt(1 - sine**2)
-    if np.cos(turn_rad) < 0:  # behind the panel
+    if turn_cosine < 0:  # behind the panel
         opening, across = np.pi - opening, -across
     return wrapped(boresight_rad + opening), across
 
@@ -113,8 +113,9 @@ def _cone(
     if np.isnan(boresight_rad):
         return wrapped(azimuth), 1.0, 0.0, 1.0
     turn = wrapped(azimuth - boresight_rad)
-    seen, across = cone_azimuth(boresight_rad, turn, np.sin(turn) * cosine * stretch)
-    return seen, np.cos(turn), np.sin(turn), across
+    turn_cosine, turn_sine = np.cos(turn), np.sin(turn)
+    seen, across = cone_azimuth(boresight_rad, turn_cosine, turn_sine * cosine * stretch)
+    return seen, turn_cosine, turn_sine, across
 
 
 @compiled
@@ -171,5 +172,5 @@ def image_path(
             value[end + 1], by_point[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
             continue
         turn = wrapped(azimuth[end] - boresight_rad[end])
-        value[end + 1], across = cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine)
+        value[end + 1], across = cone_azimuth(boresight_rad[end], np.cos(turn), np.sin(turn) * cosine)
         by_point[end + 1] = (np.cos(turn) * cosine * by_azimuth[end] + np.sin(turn) * by_cosine) / across
