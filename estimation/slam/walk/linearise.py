@@ -153,16 +153,14 @@ def _linearise(
             circle = objects[landmark[i, 0]]
             by_circle = by_shared[i, :, 1:4]
             closed_path(CIRCLE_BY_RADIUS, circle, tx, x, value[i], by_state[i], by_circle, point, work)
-            first = len(offset) + walls.size + 3 * landmark[i, 0]
-            shared[i, 1], shared[i, 2], shared[i, 3] = first, first + 1, first + 2
+            _number_columns(shared[i], len(offset) + walls.size + 3 * landmark[i, 0])
             # The centre replaces the IP: its directions from TX and RX are nearly the same.
             add_roughness(tx, x, circle[:2], rough_m[i, 1], cov)
         elif kind[i] == _RAISED:
             spot = raised[landmark[i, 0]]
             by_spot = by_shared[i, :, 1:4]
             raised_path(tx, x, spot, difference_m[i], boresight_rad[i], value[i], by_state[i], by_spot)
-            first = len(offset) + walls.size + objects.size + 3 * landmark[i, 0]
-            shared[i, 1], shared[i, 2], shared[i, 3] = first, first + 1, first + 2
+            _number_columns(shared[i], len(offset) + walls.size + objects.size + 3 * landmark[i, 0])
             add_roughness(tx, x, spot[:2], rough_m[i, 1], cov)
         else:
             bounces = 1 if kind[i] == _WALL else 2
@@ -180,6 +178,13 @@ def _linearise(
         by_shared[i, 1, 0] = -side
         _whiten(cov, value[i], by_state[i], by_shared[i])
     return size, value, by_state, by_shared, shared
+
+
+@compiled
+def _number_columns(shared: IntArray, first: int) -> None:
+    """Write the columns of the three unknowns of a landmark, of which the first is `first`."""
+    for a in range(3):
+        shared[1 + a] = first + a
 
 
 @compiled
