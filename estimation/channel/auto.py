@@ -34,7 +34,7 @@ from estimation.channel.incoherent.response_errors import ResponseErrors
 from estimation.channel.phases.drift import drift_against, with_drift_errors
 from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of, without_phases
 from estimation.channel.phases.ramp import LARGEST_RESIDUAL_RAD, PhaseRamp, fit_phase_ramp, without_phase_ramp
-from estimation.channel.phases.track import PhaseTrack, track_phases
+from estimation.channel.phases.track import PhaseTrack, track_phases, wanders
 from sim.observation import BeamSweep
 from sim.signal.waveform.prs import PREFIX_SHARE
 
@@ -64,7 +64,7 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     if sweep.clock is not None:
         ramp = fit_phase_ramp(phases_against(sweep, fit_over_background(sweep, few)))
         is_open = ramp.residual_rad <= DOUBTFUL_RAD
-        if is_open and (moving := _coherent(sweep, 0.0, NO_RAMP, config, is_sure=False)) is not None:
+        if is_open and (moving := _coherent(sweep, 0.0, NO_RAMP, config, None, is_sure=False)) is not None:
             return moving
         sweep = replace(sweep, clock=None)
     incoherent = fit_incoherent(sweep, few)
@@ -74,29 +74,26 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
     is_doubtful = start.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs
     if ramp.is_coherent:
-        coherent = _coherent(sweep, drift_s, ramp, config, is_sure=True)
+        coherent = _coherent(sweep, drift_s, ramp, config, incoherent, is_sure=True)
     elif is_doubtful:
         limit_rad = np.inf if start.residual_rad <= DOUBTFUL_RAD else DOUBTFUL_RAD
-        coherent = _coherent_by_few(sweep, drift_s, start, config, limit_rad)
+        coherent = _coherent_by_few(sweep, drift_s, start, config, incoherent, limit_rad)
     else:
-        coherent = _coherent_by_few(sweep, drift_s, NO_RAMP, config, LARGEST_RESIDUAL_RAD)
+        coherent = _coherent_by_few(sweep, drift_s, NO_RAMP, config, incoherent, LARGEST_RESIDUAL_RAD)
     tracked = _tracked_from(steady, incoherent, config) if coherent is None else None
     if coherent is None and tracked is None and not is_doubtful:
-        coherent = _coherent_by_few(sweep, drift_s, start, config, DOUBTFUL_RAD)
+        coherent = _coherent_by_few(sweep, drift_s, start, config, incoherent, DOUBTFUL_RAD)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
         if joint.is_coherent:
-            coherent = _coherent(sweep, drift_s + tracked.drift.per_pair, joint, config, is_sure=False)
+            coherent = _coherent(sweep, drift_s + tracked.drift.per_pair, joint, config, incoherent, is_sure=False)
         if coherent is None:
-            tracked = _tracked(steady, tracked.pairs, config, (config.max_paths,), tracked.drift)
+            tracked = _tracked(steady, tracked.pairs, config, (config.max_paths,), incoherent, tracked.drift)
     if coherent is not None:
         return coherent
     offset_hz = _frequency_offset_hz(sweep, ramp)
     if tracked is not None:
-        words = "coherent, pair phases tracked: " + _track_words(tracked.track)
-        ends = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
-        fit = ResponseErrors(mean=incoherent.element_error).added_to(tracked.fit, *ends)
-        return AutoFit(fit, "tracked", ramp, offset_hz, words)
+        return _tracked_fit(sweep, tracked, ramp, incoherent)
     has_more = few.max_paths <= len(incoherent) < config.max_incoherent_paths
     incoherent = fit_incoherent(sweep, config if has_more else few, drift_odds=WANDERING)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
@@ -109,22 +106,34 @@ def _few_paths(config: MaximumLikelihoodConfig) -> MaximumLikelihoodConfig:
 
 
 def _coherent_by_few(
-    sweep: BeamSweep, drift_s: float, ramp: PhaseRamp, config: MaximumLikelihoodConfig, limit_rad: float
+    sweep: BeamSweep,
+    drift_s: float,
+    ramp: PhaseRamp,
+    config: MaximumLikelihoodConfig,
+    incoherent: IncoherentFit,
+    limit_rad: float,
 ) -> AutoFit | None:
     """The coherent fit if a few coherent paths, without a ramp or without this one, show at most this residual."""
     joint = _joint_ramp(without_drift(sweep, drift_s), ramp, _few_paths(config))
     if not joint.residual_rad <= limit_rad:
         return None
-    return _coherent(sweep, drift_s, joint, config, is_sure=False)
+    return _coherent(sweep, drift_s, joint, config, incoherent, is_sure=False)
 
 
 def _coherent(
-    sweep: BeamSweep, drift_s: float, ramp: PhaseRamp, config: MaximumLikelihoodConfig, *, is_sure: bool
+    sweep: BeamSweep,
+    drift_s: float,
+    ramp: PhaseRamp,
+    config: MaximumLikelihoodConfig,
+    incoherent: IncoherentFit | None,
+    *,
+    is_sure: bool,
 ) -> AutoFit | None:
     """The coherent fit without the ramp; None if it has no paths, or if its phases do not hold and must.
 
     A drift of the clock that pairs show one by one is found again with a few coherent paths: other paths in a pair
-    look like one.
+    look like one. Phases that hold may still wander by a few degrees: then they are tracked, with the errors of
+    elements that the `incoherent` fit shows. Without one they are not.
     """
     drift = ClockDrift()
     if drift_s:
@@ -132,10 +141,17 @@ def _coherent(
         drift = drift_against(back, fit_over_background(back, _few_paths(config)), ClockDrift(drift_s), DRIFTING)
     steady = without_drift(sweep, drift.per_pair)
     fit = fit_over_background(without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad), config)
-    if not is_sure:
-        ramp = fit_phase_ramp(phases_against(steady, fit))
-    if not (len(fit) and ramp.is_coherent):
+    if not len(fit):
         return None
+    pairs = phases_against(steady, fit)
+    if not is_sure:
+        ramp = fit_phase_ramp(pairs)
+    if not ramp.is_coherent:
+        return None
+    if incoherent is not None and wanders(pairs):
+        tracked = _tracked(sweep, pairs, config, (config.max_paths,), incoherent, drift)
+        if tracked is not None:
+            return _tracked_fit(sweep, tracked, ramp, incoherent)
     offset_hz = _frequency_offset_hz(sweep, ramp)
     return AutoFit(
         with_drift_errors(steady, fit, drift), "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz)
@@ -152,11 +168,19 @@ class _Tracked:
     drift: ClockDrift  # of the sweep that was given
 
 
+def _tracked_fit(sweep: BeamSweep, tracked: _Tracked, ramp: PhaseRamp, incoherent: IncoherentFit) -> AutoFit:
+    """The tracked fit of a sweep, its directions as uncertain as the errors of elements make them."""
+    ends = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
+    fit = ResponseErrors(mean=incoherent.element_error).added_to(tracked.fit, *ends)
+    words = "coherent, pair phases tracked: " + _track_words(tracked.track)
+    return AutoFit(fit, "tracked", ramp, _frequency_offset_hz(sweep, ramp), words)
+
+
 def _tracked_from(sweep: BeamSweep, incoherent: IncoherentFit, config: MaximumLikelihoodConfig) -> _Tracked | None:
     """Tracked phases from those of an incoherent fit: without its ambiguous directions first, else with them."""
-    found = _tracked(sweep, phases_of(incoherent), config, _TRACKING_PATHS)
+    found = _tracked(sweep, phases_of(incoherent), config, _TRACKING_PATHS, incoherent)
     if found is None and incoherent.is_ambiguous.any():
-        found = _tracked(sweep, phases_of(incoherent, all_usable=True), config, _TRACKING_PATHS)
+        found = _tracked(sweep, phases_of(incoherent, all_usable=True), config, _TRACKING_PATHS, incoherent)
     return found
 
 
@@ -165,6 +189,7 @@ def _tracked(
     pairs: PairPhases,
     config: MaximumLikelihoodConfig,
     limits: tuple[int, ...],
+    incoherent: IncoherentFit,
     drift: ClockDrift | None = None,
 ) -> _Tracked | None:
     """The coherent paths of a sweep with tracked pair phases; None where they wander too fast.
@@ -181,7 +206,7 @@ def _tracked(
         steady = without_drift(sweep, known.per_pair)
         turned = without_phases(steady, track.phase_rad)
         some = config.model_copy(update={"max_paths": min(limit, config.max_paths)})
-        errors = PairErrors(pairs.noise_excess, track.variance)
+        errors = PairErrors(pairs.noise_excess, track.variance, incoherent.element_floor)
         fit = fit_over_background(turned, some, pair_errors=errors)
         if not len(fit):
             return None

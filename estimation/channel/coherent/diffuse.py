@@ -84,6 +84,8 @@ def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
     is_redundant = redundant_paths(solution, scale * window.white_level_at(solution.paths.delay_bins)) & is_small
+    if window.pairs is not None:
+        is_redundant |= window.pairs.may_be_floor(solution.paths, reference.sweep.n_subcarriers)
     return PathErrors(by_noise, scale, by_neighbours, probability, is_redundant)
 
 

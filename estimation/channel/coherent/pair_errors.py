@@ -1,20 +1,26 @@
-"""Errors that differ from beam pair to beam pair: noise in proportion to the signal, phases known only so well.
+"""Errors of beam pairs and arrays: noise in proportion to the signal, phases and elements known only so well.
 
 A compressed sweep has no beam pairs any more, and its noise is taken as white. Phase noise and converters add
 noise to the pairs of strong signals. A path is lit in a few pairs, so the noise of these pairs, weighted by what
 each gives to the path, is the noise that it competes with. Unknown phases of pairs are further parameters with a
 prior: they take information from the paths (a Schur complement).
+
+Errors of phases and elements also spread every path over other directions, at its own delay. Weaker paths that do
+not exceed this floor by more than chance may be its own.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import diric
 
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.factors import pair_products
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters
-from scenes.record import ComplexArray, FloatArray
+from scenes.record import BoolArray, ComplexArray, FloatArray
+
+CHANCE = 0.01  # that the largest power of a floor, which is exponential in every cell, exceeds its limit
 
 
 @dataclass(frozen=True)
@@ -25,10 +31,12 @@ class PairErrors:
     ----------
     excess : noise power beyond that of the receiver, over the nominal one
     phase_variance : of the phases in rad^2, before the pair's own samples
+    element_level : power of the error of an element of either end over its own
     """
 
     excess: FloatArray
     phase_variance: FloatArray
+    element_level: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +60,32 @@ class LitPairs:
         energy = tx.sum(axis=1) * rx.sum(axis=1)
         beyond = np.einsum("pm,mn,pn->p", tx, self.errors.excess, rx, optimize=True)
         return np.asarray(1 + beyond / np.maximum(energy, np.finfo(float).tiny))
+
+    def may_be_floor(self, paths: PathParameters, n_bins: int) -> BoolArray:
+        """Mask (path,) of paths that the floors of stronger ones may show, in one of their cells by chance."""
+        n_cells = np.linalg.matrix_rank(self.tx.weights()) + np.linalg.matrix_rank(self.rx.weights())
+        power, floor = self.power_and_floor(paths, n_bins)
+        return power < np.log(n_cells / CHANCE) * floor
+
+    def power_and_floor(self, paths: PathParameters, n_bins: int) -> tuple[FloatArray, FloatArray]:
+        """Power (path,) of paths in a matched filter, and mean power there by the errors of all stronger ones."""
+        tx, rx = (part[:, 0] for part in self._tangents(paths))
+        gain, unit_tx, unit_rx = np.square(np.abs(paths.amplitude)), _unit(tx), _unit(rx)
+        lit_tx, lit_rx, all_tx, all_rx = (np.square(np.abs(one)) for one in (unit_tx, unit_rx, tx, rx))
+        power = gain * all_tx.sum(axis=1) * all_rx.sum(axis=1)
+        variance = self.errors.phase_variance
+        ends = zip(lit_tx, lit_rx, strict=True)
+        spread = np.array([((m * all_tx @ variance) * (n * all_rx)).sum(axis=1) for m, n in ends])
+        if self.errors.element_level:
+            tx_noise = self.tx.element_noise(unit_tx, paths.aod_rad[:, : self.tx.n_angles])
+            rx_noise = self.rx.element_noise(
+                unit_rx / np.sqrt(self.noise_mw), paths.aoa_rad[:, : self.rx.n_angles]
+            )
+            same_tx, same_rx = (np.square(np.abs(u.conj() @ r.T)) for u, r in ((unit_tx, tx), (unit_rx, rx)))
+            spread += self.errors.element_level * (tx_noise * same_rx + same_tx * rx_noise)
+        apart_rad = 2 * np.pi / n_bins * (paths.delay_bins[:, None] - paths.delay_bins)
+        is_stronger = power > power[:, None]
+        return power, (is_stronger * np.square(diric(apart_rad, n_bins)) * gain * spread).sum(axis=1)
 
     def lost_information(self, sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
         """Half the Fisher information (path, column, path, column) that the unknown phases of pairs take.
@@ -89,3 +123,9 @@ def _tangents(manifold: Manifold, angles_rad: FloatArray) -> ComplexArray:
     if angles_rad.shape[1] > manifold.n_angles:
         manifold = manifold.with_hidden_elevation()
     return manifold.tangents(angles_rad)
+
+
+def _unit(response: ComplexArray) -> ComplexArray:
+    """Responses (path, beam) of unit norm."""
+    norm = np.linalg.norm(response, axis=1, keepdims=True)
+    return np.asarray(response / np.maximum(norm, np.finfo(float).tiny))

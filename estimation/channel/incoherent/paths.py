@@ -55,6 +55,7 @@ class IncoherentFit(PathFit):
     log_likelihood_ratio: float = array(doc="ratio of the paths to noise alone")
     drift_s: float = array(unit="s", doc="growth of all delays from one beam pair to the next, removed")
     element_error: float = array(doc="power of the error of an array element over its own, expected")
+    element_floor: float = array(doc="the same, exceeded as often as not; 0 if noise may be all")
 
     @property
     def caveat(self) -> str:
@@ -156,6 +157,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         log_likelihood_ratio=at.value,
         drift_s=search.drift_s,
         element_error=0.0 if search.background is None else search.background.errors.mean,
+        element_floor=0.0 if search.background is None else search.background.errors.level,
     )
 
 
@@ -180,4 +182,5 @@ def _empty(sweep: BeamSweep, fit: PathFit) -> IncoherentFit:
         log_likelihood_ratio=0.0,
         drift_s=0.0,
         element_error=0.0,
+        element_floor=0.0,
     )

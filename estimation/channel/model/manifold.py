@@ -147,6 +147,19 @@ class Manifold:
             total += weights @ weights.conj().T
         return total
 
+    def element_noise(self, along: ComplexArray, angles: FloatArray) -> FloatArray:
+        """Power (vector, direction) along `along` (vector, beam) of the errors of responses towards `angles`.
+
+        Errors of the elements are relative, independent and of unit power: the quadratic form of the vectors with
+        the covariance of `element_covariance`, of all beams.
+        """
+        azimuth, elevation = self._split(angles)
+        power = np.zeros((len(along), len(azimuth)))
+        for panel in self._panels:
+            seen = np.square(np.abs(along.conj() @ panel.error_weights)).sum(axis=1)
+            power += np.outer(seen, np.square(panel.amplitude(azimuth, elevation)))
+        return power
+
     def tangents(self, angles: FloatArray) -> ComplexArray:
         """Responses and their derivatives per rad, (direction, 1 + angle, beam)."""
         return self._stack.tangents(*self._split(angles), self.n_angles)

@@ -7,7 +7,7 @@ what each pair adds to the pairs before it. Pairs that the paths light well tell
 gives those of the others (Rauch, Tung and Striebel, 1965).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 STEPS_RAD = np.deg2rad(np.geomspace(0.1, 51.2, 14))  # trial standard deviations of a step of the walk,
 OWN_RAD = np.deg2rad(np.geomspace(0.4, 51.2, 13))  # and of a pair's own phase
 FIRST_STEP_RAD, FIRST_OWN_RAD = np.deg2rad([4.0, 4.0])  # before they are learned
+WANDERING_RATIO = 3.0  # of the deviations of phases to those of magnitudes, above which oscillators wander
 _MOST_VARIANCE = 1.0  # in rad^2, of a phase that is used
 _COARSE_TURNS = 10  # of smoothing over less and less of the sweep
 _FINE_TURNS = 20
@@ -54,6 +55,19 @@ class PhaseTrack:
     def drift_odds(self) -> float:
         """Odds that the clock drifts: an oscillator whose phase is lost over the sweep is likely to."""
         return WANDERING if self.step_rad * np.sqrt(self.phase_rad.size) > 1 else DRIFTING
+
+
+def wanders(pairs: PairPhases) -> bool:
+    """Whether phases change more from pair to pair, or beside that, than the logarithms of the magnitudes.
+
+    Paths that are not found change both alike, an oscillator the phases alone. Phases of too few pairs do not.
+    """
+    if pairs.log_magnitude is None:
+        return False
+    phase, magnitude = track_phases(pairs), track_phases(replace(pairs, phase_rad=pairs.log_magnitude))
+    walks = phase.step_rad > WANDERING_RATIO * magnitude.step_rad
+    differs = phase.own_rad > WANDERING_RATIO * magnitude.own_rad
+    return phase.n_pairs > 0 and (walks or differs)
 
 
 def track_phases(pairs: PairPhases) -> PhaseTrack:

@@ -71,7 +71,7 @@ def test_wandering_phases_are_tracked_where_neighbours_tell_them(step_deg: float
         assert "from one pair to the next they change by" in chosen.reason
 
 
-@pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "coherent"), (25.0, "incoherent")])
+@pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "tracked"), (25.0, "incoherent")])
 def test_the_residual_is_that_of_the_phases_without_noise(spread_deg: float, mode: str) -> None:
     phase = np.deg2rad(spread_deg) * np.random.default_rng(4).standard_normal((10, 10))
     chosen = fit_auto(with_phases(phase))

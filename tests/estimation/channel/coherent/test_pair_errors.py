@@ -1,12 +1,16 @@
 """Errors of beam pairs against sums over pairs and against dense Fisher information."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from estimation.channel.calibration.self_calibration import element_matrix
 from estimation.channel.coherent.pair_errors import LitPairs, PairErrors
 from estimation.channel.coherent.plan import nominal_manifold, search_plan
 from estimation.channel.model.compress import CompressedSweep, compress
 from estimation.channel.model.path_model import PathParameters
 from scenes.record import ComplexArray, FloatArray
+from sim.signal.arrays.codebook import Codebook
 from tests.estimation.channel.plain_sweeps import no_plain_paths, plain_link, plain_sweep
 
 LINK = plain_link()
@@ -33,6 +37,52 @@ def test_the_noise_of_a_path_is_that_of_its_pairs_by_its_energy() -> None:
         energy = np.outer(tx[path], rx[path])
         noise = 1 + PAIRS.errors.excess
         assert np.isclose(factor, (energy * noise).sum() / energy.sum())
+
+
+def test_the_floor_is_what_drawn_errors_of_elements_and_phases_leave_of_a_stronger_path() -> None:
+    paths = PathParameters(
+        np.array([3.2, 3.9]), np.array([[0.1], [0.5]]), np.array([[-0.2], [0.4]]), np.array([1.0 + 0j, 1e-3j])
+    )
+    variance = RNG.uniform(0.01, 0.03, SHAPE)
+    errors = PairErrors(np.zeros(SHAPE), variance, element_level=0.02)
+    pairs, n_bins = LitPairs(TX, RX, SWEEP.noise_power_mw, errors), SWEEP.samples.shape[2]
+    power, floor = pairs.power_and_floor(paths, n_bins)
+    assert floor[0] == 0
+    ends = ((LINK.tx_codebook, paths.aod_rad[0, 0]), (LINK.rx_codebook, paths.aoa_rad[0, 0]))
+    tx, rx = TX.response(paths.aod_rad), RX.response(paths.aoa_rad) / np.sqrt(SWEEP.noise_power_mw)
+    unit = [one[1] / np.linalg.norm(one[1]) for one in (tx, rx)]
+    late = float(np.sinc(paths.delay_bins[1] - paths.delay_bins[0])) ** 2
+    found = []
+    for _ in range(4000):
+        shape = (2, LINK.tx_codebook.size("element"))
+        error = np.sqrt(0.02 / 2) * (RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape))
+        changed = [
+            nominal_response(replace(book, weights=book.weights * (1 + one)), azimuth)
+            for (book, azimuth), one in zip(ends, error, strict=True)
+        ]
+        turn = np.exp(1j * np.sqrt(variance) * RNG.standard_normal(SHAPE))
+        left = np.outer(changed[0], changed[1] / np.sqrt(SWEEP.noise_power_mw)) * turn - np.outer(tx[0], rx[0])
+        found.append(np.square(np.abs(unit[0].conj() @ left @ unit[1].conj())))
+    assert np.isclose(floor[1], np.mean(found) * late, rtol=0.1)
+    assert np.isclose(power[1], 1e-6 * np.square(np.abs(np.outer(tx[1], rx[1]))).sum())
+
+
+def nominal_response(codebook: Codebook, azimuth_rad: float) -> ComplexArray:
+    """Response (beam,) of a codebook in one direction at the horizon."""
+    angles = np.array([azimuth_rad]), np.zeros(1)
+    return np.asarray(element_matrix(codebook, *angles)[0].sum(axis=1))
+
+
+def test_only_weak_paths_at_the_delay_of_a_strong_one_may_be_its_floor() -> None:
+    delay = np.array([3.0, 3.0, 3.0, 30.0])
+    angle = np.array([[0.1], [0.5], [0.5], [0.5]])
+    amplitude = np.array([1.0, 1e-3, 0.3, 1e-3]) + 0j
+    paths = PathParameters(delay, angle, np.full((4, 1), -0.2), amplitude)
+    errors = PairErrors(np.zeros(SHAPE), np.zeros(SHAPE), element_level=0.02)
+    pairs = LitPairs(TX, RX, SWEEP.noise_power_mw, errors)
+    assert pairs.may_be_floor(paths, SWEEP.samples.shape[2]).tolist() == [False, True, False, False]
+    none = replace(pairs, errors=replace(errors, element_level=0.0))
+    assert not none.may_be_floor(paths, SWEEP.samples.shape[2]).any()
 
 
 def signal(values: FloatArray, sweep: CompressedSweep) -> ComplexArray:

@@ -1,10 +1,12 @@
 """Tracked phases of beam pairs: against dense Gaussian posteriors, and drawn phases of known variances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimation.channel.phases.pairs import PairPhases
-from estimation.channel.phases.track import smooth_walk, track_phases
+from estimation.channel.phases.track import smooth_walk, track_phases, wanders
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
@@ -77,3 +79,25 @@ def test_without_a_lit_pair_nothing_is_known() -> None:
     dark = PairPhases(pairs.phase_rad, np.zeros(pairs.snr.shape), pairs.residual, pairs.path, pairs.is_usable)
     assert track_phases(dark).n_pairs == 0
     assert track_phases(dark).error_rad == np.inf
+
+
+@pytest.mark.parametrize(
+    ("step_deg", "own_deg", "hidden", "expected"),
+    [
+        (0.0, 0.0, 0.0, False),
+        (0.0, 0.0, 0.02, False),
+        (0.5, 0.0, 0.02, True),
+        (0.0, 6.0, 0.02, True),
+        (0.0, 3.0, 0.0, True),
+    ],
+)
+def test_phases_wander_where_they_change_and_magnitudes_do_not(
+    step_deg: float, own_deg: float, hidden: float, expected: bool
+) -> None:
+    pairs, _ = drawn(step_deg, own_deg, 4)
+    rng = np.random.default_rng(5)
+    of_phases, of_magnitudes = hidden * rng.standard_normal((2, *pairs.snr.shape))
+    noise = rng.standard_normal(pairs.snr.shape) * np.sqrt(0.5 / np.maximum(pairs.snr, 1e-3))
+    phase_rad = wrap_angle(pairs.phase_rad + of_phases)
+    assert wanders(replace(pairs, phase_rad=phase_rad, log_magnitude=of_magnitudes + noise)) is expected
+    assert not wanders(pairs)  # without magnitudes nothing tells
