@@ -65,7 +65,7 @@ class LitPairs:
         """Mask (path,) of paths that the floors of stronger ones may show, in one of their cells by chance."""
         n_cells = np.linalg.matrix_rank(self.tx.weights()) + np.linalg.matrix_rank(self.rx.weights())
         power, floor = self.power_and_floor(paths, n_bins)
-        return power < np.log(n_cells / CHANCE) * floor
+        return np.asarray(power < np.log(n_cells / CHANCE) * floor)
 
     def power_and_floor(self, paths: PathParameters, n_bins: int) -> tuple[FloatArray, FloatArray]:
         """Power (path,) of paths in a matched filter, and mean power there by the errors of all stronger ones."""
