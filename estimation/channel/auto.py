@@ -206,7 +206,8 @@ def _tracked(
         steady = without_drift(sweep, known.per_pair)
         turned = without_phases(steady, track.phase_rad)
         some = config.model_copy(update={"max_paths": min(limit, config.max_paths)})
-        errors = PairErrors(pairs.noise_excess, track.variance, incoherent.element_floor)
+        level = min(incoherent.element_floor, incoherent.element_error)  # few lobes show it: rather too low
+        errors = PairErrors(pairs.noise_excess, track.variance, level)
         fit = fit_over_background(turned, some, pair_errors=errors)
         if not len(fit):
             return None

@@ -5,8 +5,8 @@ noise to the pairs of strong signals. A path is lit in a few pairs, so the noise
 each gives to the path, is the noise that it competes with. Unknown phases of pairs are further parameters with a
 prior: they take information from the paths (a Schur complement).
 
-Errors of phases and elements also spread every path over other directions, at its own delay. Weaker paths that do
-not exceed this floor by more than chance may be its own.
+Errors of the elements also spread every path over other directions of their end, at its own delay. Weaker paths
+that do not exceed this floor by more than chance may belong to it.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,8 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
-CHANCE = 0.01  # that the largest power of a floor, which is exponential in every cell, exceeds its limit
+CHANCE = 0.01  # that the power of a floor, which is exponential, exceeds the limit in a cell
+SMALLEST = np.finfo(float).tiny  # of a norm that divides
 
 
 @dataclass(frozen=True)
@@ -59,30 +60,27 @@ class LitPairs:
         tx, rx = (np.square(np.abs(part[:, 0])) for part in self._tangents(paths))
         energy = tx.sum(axis=1) * rx.sum(axis=1)
         beyond = np.einsum("pm,mn,pn->p", tx, self.errors.excess, rx, optimize=True)
-        return np.asarray(1 + beyond / np.maximum(energy, np.finfo(float).tiny))
+        return np.asarray(1 + beyond / np.maximum(energy, SMALLEST))
 
     def may_be_floor(self, paths: PathParameters, n_bins: int) -> BoolArray:
-        """Mask (path,) of paths that the floors of stronger ones may show, in one of their cells by chance."""
-        n_cells = np.linalg.matrix_rank(self.tx.weights()) + np.linalg.matrix_rank(self.rx.weights())
+        """Mask (path,) of paths that are not above the floor of stronger ones by more than chance."""
+        if not self.errors.element_level:
+            return np.zeros(len(paths), bool)
         power, floor = self.power_and_floor(paths, n_bins)
-        return np.asarray(power < np.log(n_cells / CHANCE) * floor)
+        return np.asarray(power < -np.log(CHANCE) * floor)
 
     def power_and_floor(self, paths: PathParameters, n_bins: int) -> tuple[FloatArray, FloatArray]:
-        """Power (path,) of paths in a matched filter, and mean power there by the errors of all stronger ones."""
+        """Power (path,) of paths in a matched filter, and its mean there by the errors of all stronger ones."""
         tx, rx = (part[:, 0] for part in self._tangents(paths))
-        gain, unit_tx, unit_rx = np.square(np.abs(paths.amplitude)), _unit(tx), _unit(rx)
-        lit_tx, lit_rx, all_tx, all_rx = (np.square(np.abs(one)) for one in (unit_tx, unit_rx, tx, rx))
-        power = gain * all_tx.sum(axis=1) * all_rx.sum(axis=1)
-        variance = self.errors.phase_variance
-        ends = zip(lit_tx, lit_rx, strict=True)
-        spread = np.array([((m * all_tx @ variance) * (n * all_rx)).sum(axis=1) for m, n in ends])
-        if self.errors.element_level:
-            tx_noise = self.tx.element_noise(unit_tx, paths.aod_rad[:, : self.tx.n_angles])
-            rx_noise = self.rx.element_noise(
-                unit_rx / np.sqrt(self.noise_mw), paths.aoa_rad[:, : self.rx.n_angles]
-            )
-            same_tx, same_rx = (np.square(np.abs(u.conj() @ r.T)) for u, r in ((unit_tx, tx), (unit_rx, rx)))
-            spread += self.errors.element_level * (tx_noise * same_rx + same_tx * rx_noise)
+        norm_tx, norm_rx = (np.linalg.norm(one, axis=1, keepdims=True) for one in (tx, rx))
+        along_tx, along_rx = tx / np.maximum(norm_tx, SMALLEST), rx / np.maximum(norm_rx, SMALLEST)
+        tx_noise = self.tx.element_noise(along_tx, paths.aod_rad[:, : self.tx.n_angles])
+        white_rx = along_rx / np.sqrt(self.noise_mw)
+        rx_noise = self.rx.element_noise(white_rx, paths.aoa_rad[:, : self.rx.n_angles])
+        same_tx, same_rx = np.square(np.abs(along_tx.conj() @ tx.T)), np.square(np.abs(along_rx.conj() @ rx.T))
+        spread = self.errors.element_level * (tx_noise * same_rx + same_tx * rx_noise)
+        gain = np.square(np.abs(paths.amplitude))
+        power = gain * np.square(norm_tx * norm_rx)[:, 0]
         apart_rad = 2 * np.pi / n_bins * (paths.delay_bins[:, None] - paths.delay_bins)
         is_stronger = power > power[:, None]
         return power, (is_stronger * np.square(diric(apart_rad, n_bins)) * gain * spread).sum(axis=1)
@@ -123,9 +121,3 @@ def _tangents(manifold: Manifold, angles_rad: FloatArray) -> ComplexArray:
     if angles_rad.shape[1] > manifold.n_angles:
         manifold = manifold.with_hidden_elevation()
     return manifold.tangents(angles_rad)
-
-
-def _unit(response: ComplexArray) -> ComplexArray:
-    """Responses (path, beam) of unit norm."""
-    norm = np.linalg.norm(response, axis=1, keepdims=True)
-    return np.asarray(response / np.maximum(norm, np.finfo(float).tiny))
