@@ -5,8 +5,9 @@ noise to the pairs of strong signals. A path is lit in a few pairs, so the noise
 each gives to the path, is the noise that it competes with. Unknown phases of pairs are further parameters with a
 prior: they take information from the paths (a Schur complement).
 
-Errors of the elements also spread every path over other directions of their end, at its own delay. Weaker paths
-that do not exceed this floor by more than chance may belong to it.
+Errors of the elements also spread every path over other directions of their end, at its own delay, and errors of
+the phases over those of both ends. Weaker paths that do not exceed such a floor by more than chance may belong to
+it.
 """
 
 from dataclasses import dataclass
@@ -63,14 +64,15 @@ class LitPairs:
         return np.asarray(1 + beyond / np.maximum(energy, SMALLEST))
 
     def may_be_floor(self, paths: PathParameters, n_bins: int) -> BoolArray:
-        """Mask (path,) of paths that are not above the floor of stronger ones by more than chance."""
-        if not self.errors.element_level:
-            return np.zeros(len(paths), bool)
-        power, floor = self.power_and_floor(paths, n_bins)
-        return np.asarray(power < -np.log(CHANCE) * floor)
+        """Mask (path,) of paths that are not above a floor of stronger ones by more than chance."""
+        power, *floors = self.power_and_floors(paths, n_bins)
+        return np.asarray(power < -np.log(CHANCE) * np.maximum(*floors))
 
-    def power_and_floor(self, paths: PathParameters, n_bins: int) -> tuple[FloatArray, FloatArray]:
-        """Power (path,) of paths in a matched filter, and its mean there by the errors of all stronger ones."""
+    def power_and_floors(self, paths: PathParameters, n_bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Power (path,) of paths in a matched filter, and its means there by errors of all stronger ones.
+
+        First by the errors of the elements, then by those of the phases of pairs before the pairs' own samples.
+        """
         tx, rx = (part[:, 0] for part in self._tangents(paths))
         norm_tx, norm_rx = (np.linalg.norm(one, axis=1, keepdims=True) for one in (tx, rx))
         along_tx, along_rx = tx / np.maximum(norm_tx, SMALLEST), rx / np.maximum(norm_rx, SMALLEST)
@@ -78,12 +80,15 @@ class LitPairs:
         white_rx = along_rx / np.sqrt(self.noise_mw)
         rx_noise = self.rx.element_noise(white_rx, paths.aoa_rad[:, : self.rx.n_angles])
         same_tx, same_rx = np.square(np.abs(along_tx.conj() @ tx.T)), np.square(np.abs(along_rx.conj() @ rx.T))
-        spread = self.errors.element_level * (tx_noise * same_rx + same_tx * rx_noise)
+        by_elements = self.errors.element_level * (tx_noise * same_rx + same_tx * rx_noise)
+        of_tx, of_rx = np.square(np.abs(tx)), np.square(np.abs(rx))
+        lit = zip(np.square(np.abs(along_tx)), np.square(np.abs(along_rx)), strict=True)
+        turned = [((m * of_tx @ self.errors.phase_variance) * (n * of_rx)).sum(axis=1) for m, n in lit]
         gain = np.square(np.abs(paths.amplitude))
         power = gain * np.square(norm_tx * norm_rx)[:, 0]
         apart_rad = 2 * np.pi / n_bins * (paths.delay_bins[:, None] - paths.delay_bins)
-        is_stronger = power > power[:, None]
-        return power, (is_stronger * np.square(diric(apart_rad, n_bins)) * gain * spread).sum(axis=1)
+        reach = (power > power[:, None]) * np.square(diric(apart_rad, n_bins)) * gain
+        return power, (reach * by_elements).sum(axis=1), (reach * np.reshape(turned, reach.shape)).sum(axis=1)
 
     def lost_information(self, sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
         """Half the Fisher information (path, column, path, column) that the unknown phases of pairs take.

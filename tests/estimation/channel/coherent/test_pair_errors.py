@@ -39,19 +39,20 @@ def test_the_noise_of_a_path_is_that_of_its_pairs_by_its_energy() -> None:
         assert np.isclose(factor, (energy * noise).sum() / energy.sum())
 
 
-def test_the_floor_is_what_drawn_errors_of_elements_leave_of_a_stronger_path() -> None:
+def test_the_floors_are_what_drawn_errors_of_elements_and_of_phases_leave_of_a_stronger_path() -> None:
     paths = PathParameters(
         np.array([3.2, 3.9]), np.array([[0.1], [0.5]]), np.array([[-0.2], [0.4]]), np.array([1.0 + 0j, 1e-3j])
     )
-    errors = PairErrors(np.zeros(SHAPE), np.zeros(SHAPE), element_level=0.02)
+    variance = RNG.uniform(0.01, 0.03, SHAPE)
+    errors = PairErrors(np.zeros(SHAPE), variance, element_level=0.02)
     pairs, n_bins = LitPairs(TX, RX, SWEEP.noise_power_mw, errors), SWEEP.samples.shape[2]
-    power, floor = pairs.power_and_floor(paths, n_bins)
-    assert floor[0] == 0
+    power, by_elements, by_phases = pairs.power_and_floors(paths, n_bins)
+    assert by_elements[0] == by_phases[0] == 0
     ends = ((LINK.tx_codebook, paths.aod_rad[0, 0]), (LINK.rx_codebook, paths.aoa_rad[0, 0]))
     tx, rx = TX.response(paths.aod_rad), RX.response(paths.aoa_rad) / np.sqrt(SWEEP.noise_power_mw)
     unit = [one[1] / np.linalg.norm(one[1]) for one in (tx, rx)]
     late = float(np.sinc(paths.delay_bins[1] - paths.delay_bins[0])) ** 2
-    found = []
+    found: list[list[float]] = [[], []]
     for _ in range(4000):
         shape = (2, LINK.tx_codebook.size("element"))
         error = np.sqrt(0.02 / 2) * (RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape))
@@ -59,9 +60,11 @@ def test_the_floor_is_what_drawn_errors_of_elements_leave_of_a_stronger_path() -
             nominal_response(replace(book, weights=book.weights * (1 + one)), azimuth)
             for (book, azimuth), one in zip(ends, error, strict=True)
         ]
-        left = np.outer(changed[0], changed[1] / np.sqrt(SWEEP.noise_power_mw)) - np.outer(tx[0], rx[0])
-        found.append(np.square(np.abs(unit[0].conj() @ left @ unit[1].conj())))
-    assert np.isclose(floor[1], np.mean(found) * late, rtol=0.1)
+        right = np.outer(tx[0], rx[0])
+        turned = right * np.exp(1j * np.sqrt(variance) * RNG.standard_normal(SHAPE))
+        for number, wrong in enumerate((np.outer(changed[0], changed[1] / np.sqrt(SWEEP.noise_power_mw)), turned)):
+            found[number].append(float(np.square(np.abs(unit[0].conj() @ (wrong - right) @ unit[1].conj()))))
+    np.testing.assert_allclose([by_elements[1], by_phases[1]], late * np.mean(found, axis=1), rtol=0.1)
     assert np.isclose(power[1], 1e-6 * np.square(np.abs(np.outer(tx[1], rx[1]))).sum())
 
 
