@@ -83,7 +83,8 @@ class LitPairs:
         by_elements = self.errors.element_level * (tx_noise * same_rx + same_tx * rx_noise)
         of_tx, of_rx = np.square(np.abs(tx)), np.square(np.abs(rx))
         lit = zip(np.square(np.abs(along_tx)), np.square(np.abs(along_rx)), strict=True)
-        turned = [((m * of_tx @ self.errors.phase_variance) * (n * of_rx)).sum(axis=1) for m, n in lit]
+        changed = 2 * (1 - np.exp(-self.errors.phase_variance / 2))  # mean of |exp(j phase) - 1|^2
+        turned = [((m * of_tx @ changed) * (n * of_rx)).sum(axis=1) for m, n in lit]
         gain = np.square(np.abs(paths.amplitude))
         power = gain * np.square(norm_tx * norm_rx)[:, 0]
         apart_rad = 2 * np.pi / n_bins * (paths.delay_bins[:, None] - paths.delay_bins)
