@@ -91,9 +91,9 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
             tracked = _tracked(steady, tracked.pairs, config, (config.max_paths,), incoherent, tracked.drift)
     if coherent is not None:
         return coherent
-    offset_hz = _frequency_offset_hz(sweep, ramp)
     if tracked is not None:
         return _tracked_fit(sweep, tracked, ramp, incoherent)
+    offset_hz = _frequency_offset_hz(sweep, ramp)
     has_more = few.max_paths <= len(incoherent) < config.max_incoherent_paths
     incoherent = fit_incoherent(sweep, config if has_more else few, drift_odds=WANDERING)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
