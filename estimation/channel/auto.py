@@ -39,7 +39,7 @@ from sim.observation import BeamSweep
 from sim.signal.waveform.prs import PREFIX_SHARE
 
 DOUBTFUL_RAD = np.deg2rad(45.0)  # residual of a few paths up to which all paths decide; random phases show 104 deg
-_TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
+TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
 _TRACKING_PATHS = (12, 12, 30)  # paths of the fits between which phases are tracked, before the fit of all
 _TRACKED_RAD = np.deg2rad(20.0)  # median error of tracked phases up to which pairs add up: they lose 0.5 dB
 
@@ -48,13 +48,19 @@ NO_RAMP = PhaseRamp(0.0, 0.0, 0.0, 0.0, 0.0, 0)
 
 @dataclass(frozen=True)
 class AutoFit:
-    """A fit, the chosen mode, and the reason."""
+    """A fit, the chosen mode, and the reason.
+
+    `frequency_offset_hz` causes the ramp, if each pair takes one symbol of the sounded spacing. `steady` is the
+    sweep that the paths explain, without drift and phases, with the errors of its pairs where they were tracked.
+    """
 
     fit: PathFit
     mode: Literal["coherent", "tracked", "incoherent"]
     ramp: PhaseRamp
-    frequency_offset_hz: float  # that causes the ramp, if each pair takes one symbol of the sounded spacing
+    frequency_offset_hz: float
     reason: str
+    steady: BeamSweep
+    pair_errors: PairErrors | None = None
 
 
 def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) -> AutoFit:
@@ -97,12 +103,12 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     has_more = few.max_paths <= len(incoherent) < config.max_incoherent_paths
     incoherent = fit_incoherent(sweep, config if has_more else few, drift_odds=WANDERING)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
-    return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
+    return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words, steady)
 
 
 def _few_paths(config: MaximumLikelihoodConfig) -> MaximumLikelihoodConfig:
     """The settings of a fit of the strongest paths alone."""
-    return config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
+    return config.model_copy(update={"max_paths": min(config.max_paths, TELLING_PATHS)})
 
 
 def _coherent_by_few(
@@ -133,14 +139,16 @@ def _coherent(
 
     A drift of the clock that pairs show one by one is found again with a few coherent paths: other paths in a pair
     look like one. Phases that hold may still wander by a few degrees: then they are tracked, with the errors of
-    elements that the `incoherent` fit shows. Without one they are not.
+    elements that the `incoherent` fit shows, and must be followed where nothing else says that they hold. Without
+    such a fit they are not.
     """
     drift = ClockDrift()
     if drift_s:
         back = without_phase_ramp(without_drift(sweep, drift_s), ramp.tx_step_rad, ramp.rx_step_rad)
         drift = drift_against(back, fit_over_background(back, _few_paths(config)), ClockDrift(drift_s), DRIFTING)
     steady = without_drift(sweep, drift.per_pair)
-    fit = fit_over_background(without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad), config)
+    turned = without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad)
+    fit = fit_over_background(turned, config)
     if not len(fit):
         return None
     pairs = phases_against(steady, fit)
@@ -150,20 +158,21 @@ def _coherent(
         return None
     if incoherent is not None and wanders(pairs):
         tracked = _tracked(sweep, pairs, config, (config.max_paths,), incoherent, drift)
-        if tracked is not None:
-            return _tracked_fit(sweep, tracked, ramp, incoherent)
+        if tracked is not None or not is_sure:
+            return None if tracked is None else _tracked_fit(sweep, tracked, ramp, incoherent)
     offset_hz = _frequency_offset_hz(sweep, ramp)
-    return AutoFit(
-        with_drift_errors(steady, fit, drift), "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz)
-    )
+    certain = with_drift_errors(steady, fit, drift)
+    return AutoFit(certain, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz), turned)
 
 
 @dataclass(frozen=True)
 class _Tracked:
-    """A coherent fit with tracked phases, and the phases of the sweep against its paths."""
+    """A coherent fit with tracked phases, the sweep without them, and its phases against the paths."""
 
     fit: PathFit
     track: PhaseTrack
+    turned: BeamSweep
+    errors: PairErrors
     pairs: PairPhases
     drift: ClockDrift  # of the sweep that was given
 
@@ -173,14 +182,19 @@ def _tracked_fit(sweep: BeamSweep, tracked: _Tracked, ramp: PhaseRamp, incoheren
     ends = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
     fit = ResponseErrors(mean=incoherent.element_error).added_to(tracked.fit, *ends)
     words = "coherent, pair phases tracked: " + _track_words(tracked.track)
-    return AutoFit(fit, "tracked", ramp, _frequency_offset_hz(sweep, ramp), words)
+    offset_hz = _frequency_offset_hz(sweep, ramp)
+    return AutoFit(fit, "tracked", ramp, offset_hz, words, tracked.turned, tracked.errors)
 
 
 def _tracked_from(sweep: BeamSweep, incoherent: IncoherentFit, config: MaximumLikelihoodConfig) -> _Tracked | None:
-    """Tracked phases from those of an incoherent fit: without its ambiguous directions first, else with them."""
-    found = _tracked(sweep, phases_of(incoherent), config, _TRACKING_PATHS, incoherent)
+    """Tracked phases from those of an incoherent fit: without its ambiguous directions first, else with them.
+
+    A few paths may know their pairs' phases poorly: those that are not yet found turn them. More paths decide.
+    """
+    found = _tracked(sweep, phases_of(incoherent), config, _TRACKING_PATHS, incoherent, limit_rad=DOUBTFUL_RAD)
     if found is None and incoherent.is_ambiguous.any():
-        found = _tracked(sweep, phases_of(incoherent, all_usable=True), config, _TRACKING_PATHS, incoherent)
+        pairs = phases_of(incoherent, all_usable=True)
+        found = _tracked(sweep, pairs, config, _TRACKING_PATHS, incoherent, limit_rad=DOUBTFUL_RAD)
     return found
 
 
@@ -191,8 +205,10 @@ def _tracked(
     limits: tuple[int, ...],
     incoherent: IncoherentFit,
     drift: ClockDrift | None = None,
+    *,
+    limit_rad: float = _TRACKED_RAD,
 ) -> _Tracked | None:
-    """The coherent paths of a sweep with tracked pair phases; None where they wander too fast.
+    """The coherent paths of a sweep with tracked pair phases; None where they are not known to `limit_rad`.
 
     Phases and paths are estimated in turn, with more and more paths: those that are not yet found turn the phases
     of the pairs that they light. What the paths leave of a pair is its noise. The drift of the clock is found in
@@ -201,7 +217,7 @@ def _tracked(
     found, known = None, drift or ClockDrift()
     for limit in limits:
         track = track_phases(pairs)
-        if track.error_rad > (DOUBTFUL_RAD if pairs.excess is None else _TRACKED_RAD):
+        if track.error_rad > limit_rad:
             return None
         steady = without_drift(sweep, known.per_pair)
         turned = without_phases(steady, track.phase_rad)
@@ -214,7 +230,7 @@ def _tracked(
         pairs = phases_against(steady, fit)
         certain = with_drift_errors(steady, fit, known)
         known = drift or drift_against(steady, fit, known, track.drift_odds)
-        found = _Tracked(certain, track, pairs, known)
+        found = _Tracked(certain, track, turned, errors, pairs, known)
     return found
 
 

@@ -42,6 +42,10 @@ class MaximumLikelihoodConfig(ConfigModel):
         description="fastest change of a path's length that is searched, where sweeps have a clock (coherent)",
     )
 
+    max_element_error: float = Field(
+        0.3, gt=0, le=0.3, description="largest credible power of the error of an array element over its own"
+    )
+
     @property
     def max_incoherent_paths(self) -> int:
         """Most paths of the incoherent fit."""
@@ -93,7 +97,11 @@ class LosConfig(ConfigModel):
 class SelfCalibrationConfig(ConfigModel):
     """Self-calibration of the arrays from the sweeps of a campaign."""
 
-    stops: int = Field(20, ge=2, description="number of stops used, spread over the campaign")
+    use: Literal["auto", "always", "never"] = Field(
+        "auto", description="auto: maximum-likelihood methods, where the first stops show errors of elements"
+    )
+    stops: int = Field(8, ge=2, description="number of stops used, spread over the campaign")
+    max_paths: int = Field(30, ge=1, description="strongest paths of a stop that are used where phases hold")
     errors: Literal["elements", "beams", "both"] = Field("elements", description="what is estimated")
     prior_std: float = Field(0.3, gt=0, description="prior spread of relative errors")
     min_snr_db: float = Field(16.0, ge=10, description="least SNR of a used path in its best beam pair")
@@ -121,6 +129,4 @@ class ChannelConfig(ConfigModel):
     interference: Literal["whiten", "ignore"] = Field(
         "whiten", description="another TX on the same resource elements: as noise of the RX beams, or not at all"
     )
-    self_calibration: SelfCalibrationConfig | None = Field(
-        None, description="calibrate both arrays from the campaign itself; off if left out"
-    )
+    self_calibration: SelfCalibrationConfig = SelfCalibrationConfig()

@@ -63,10 +63,10 @@ def estimate_channel(
         return checked_estimate(method(sweep), sweep, getattr(method, "__name__", "estimator"))
     if method not in get_args(MethodName):
         raise ValueError(f"method = '{method}': must be auto, coherent, incoherent, power or a function")
-    wrong = _unusable(sweep)
+    wrong = unusable(sweep)
     if wrong:
         return empty_estimate(sweep.stop, method, EstimateStatus.REFUSED, wrong)
-    blind = _blind_ends(sweep)
+    blind = blind_ends(sweep)
     with one_blas_thread():
         if method != "power" and not blind:
             return _maximum_likelihood(sweep, method, config)
@@ -127,7 +127,7 @@ def _limited(estimate: ChannelEstimate, max_paths: int) -> ChannelEstimate:
     return replace(estimate, status=EstimateStatus.LIMITED, reason=joined)
 
 
-def _unusable(sweep: BeamSweep) -> str:
+def unusable(sweep: BeamSweep) -> str:
     """The reason why the samples are useless; empty if they are usable."""
     shape = sweep.samples.shape
     if min(shape) == 0 or shape[2] < 2:
@@ -141,7 +141,7 @@ def _unusable(sweep: BeamSweep) -> str:
     return ""
 
 
-def _blind_ends(sweep: BeamSweep) -> str:
+def blind_ends(sweep: BeamSweep) -> str:
     """The ends that cannot distinguish directions (one beam, or identical beams); empty if there is none."""
     blind = [
         f"{name} beams of rank 1: no angle of {angle}"

@@ -83,7 +83,6 @@ class CampaignRun:
 
     def estimates(self, truths: Sequence[Truth]) -> CampaignResults:
         """All estimates at the stops of the truths."""
-        self.calibrate()
         channel = tuple(self.channel(truths))
         return CampaignResults(channel, (), **self.maps(channel, self.surveyed_receiver(truths)))
 
@@ -95,7 +94,6 @@ class CampaignRun:
         from isac_arena.scoring.chain import channel_scores_of  # noqa: PLC0415
 
         truths = list(self.truths())
-        self.calibrate()
         return channel_scores_of(self.true_stops(truths), list(self.channel(truths)))
 
     def truths(self) -> Iterator[Truth]:
@@ -137,12 +135,16 @@ class CampaignRun:
     @property
     def _calibration(self) -> SelfCalibrationConfig | None:
         """The settings of self-calibration; None where it is off, and where a user's estimator gets none."""
-        return None if self.config.functions.of("channel") else self.config.channel.self_calibration
+        channel = self.config.channel
+        wanted = channel.self_calibration.use
+        is_off = wanted == "never" or (wanted == "auto" and channel.method == "power")
+        return None if is_off or self.config.functions.of("channel") else channel.self_calibration
 
     def calibrate(self) -> Calibration | None:
         """The self-calibration of both arrays, kept or made from some stops; None where it is off.
 
-        A user's estimator gets no calibration. Each of several TX has its own.
+        Arrays that show no errors stay as designed. A user's estimator gets no calibration. Each of several TX has
+        its own.
         """
         if self.links[0] is not self:
             first, *_ = [link.calibrate() for link in self.links]
@@ -156,7 +158,7 @@ class CampaignRun:
             chosen = [self.chosen_stops[row] for row in calibration_rows(len(self.chosen_stops), settings)]
             kept = ((stop, self.results.sweep(stop)) for stop in chosen)
             sweeps = (self.sweep(self.truth(stop)) if sweep is None else sweep for stop, sweep in kept)
-            calibration = self_calibrate(sweeps, settings)
+            calibration = self_calibrate(sweeps, settings, self.config.channel.maximum_likelihood)
             self.results.write_calibration(calibration)
         return calibration
 

@@ -1,250 +1,128 @@
 """Self-calibration: the true responses of both arrays from paths of unknown directions.
 
-A single path in its delay cell gives a matrix over TX and RX beams of rank 1, for any arrays: its singular vectors
-are the responses t(phi) and r(theta) of the two codebooks as built, up to a complex factor. With the designed
-weights W, the panel geometry a(phi), unknown element responses e and unknown beam factors b,
-
-    t(phi) ~ diag(b) W diag(a(phi)) e.
-
-Over the dominant paths of some 20 stops the directions, e and b are estimated in turn: directions by maximising
-the match; e by least squares on the part of the model orthogonal to the measured vector (linear in e, free of the
-unknown factor); b by least squares per beam. A weak prior about 1 determines what no path observes, such as the
-share of each row in a column of elements if all beams are horizontal.
+Where phases hold from beam pair to beam pair, or can be tracked, all paths of some stops are fitted together with
+the elements of both arrays and their coupling (`joint.py`): paths of many directions share the elements. Where
+phases are lost, or where the factors of beams are wanted, paths that stand alone in their delay cell tell
+(`rank_one.py`).
 
 Gauge: a common complex factor belongs to the path gains, and a linear phase over the aperture rotates all
-directions equally. Both are removed from e, so a constant pointing offset of a device remains: only mapping and
-SLAM, which observe positions, can estimate it.
-
-If phases are not coherent between beam pairs (tested on the data), the magnitudes of the matrix still have rank 1;
-the phases of the vectors are then those of the model, updated in every iteration. Magnitudes do not distinguish
-element factors from their conjugates in reverse order; either is valid if only magnitudes count.
+directions equally. Both are removed from the elements, so a constant pointing offset of a device remains
+(`remaining.py`): only mapping and SLAM, which observe positions, can estimate it.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain, islice
 
-import numpy as np
+from scipy.stats import chi2
 
-from estimation.channel.calibration.dominant import DominantPaths, dominant_paths
-from estimation.channel.calibration.record import Calibration
-from estimation.channel.config import SelfCalibrationConfig
-from estimation.channel.model.manifold import Manifold
-from scenes.record import ComplexArray, FloatArray, concatenate
+from estimation.channel.auto import TELLING_PATHS
+from estimation.channel.calibration.dominant import dominant_paths
+from estimation.channel.calibration.ends import as_built, without_gauge
+from estimation.channel.calibration.joint import joint_factors
+from estimation.channel.calibration.normal import StopModel, StopSamples
+from estimation.channel.calibration.rank_one import calibration_by_single_paths
+from estimation.channel.calibration.record import Calibration, as_designed
+from estimation.channel.calibration.remaining import error_power
+from estimation.channel.calibration.strong import strong_paths
+from estimation.channel.config import MaximumLikelihoodConfig, SelfCalibrationConfig
+from estimation.channel.estimate import blind_ends, unusable
+from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.execution import one_blas_thread
+from scenes.record import concatenate
 from sim.observation import BeamSweep
-from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
 
-INCOHERENT_GAIN = 4.0  # misfit of complex vectors over that of magnitudes: above it phases are incoherent
-START_OVERSAMPLING = 4.0  # directions per Rayleigh cell at the start of the direction search
-FIRST_STEP_RAD = np.deg2rad(0.5)  # of the direction search; halved in every iteration, down to
-LAST_STEP_RAD = np.deg2rad(0.02)
-LEAST_MISFIT = 1e-9
+JUDGED_STOPS = 2  # that say whether arrays differ from their design
+SHOWN_LEVEL = 3e-3  # power of the error of an element that calls for calibration: 2 deg, or .3 dB
+CHANCE = 1e-3  # that elements without errors would seem to have some
 
 
-@dataclass(frozen=True)
-class ArrayFactors:
-    """Factors between one device as built and its design."""
-
-    element: ComplexArray  # (element,)
-    beam: ComplexArray  # (beam,)
-    misfit: float  # mean share of the measured vectors' power that the model does not explain
-
-
-def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | None = None) -> Calibration:
+def self_calibrate(
+    sweeps: Iterable[BeamSweep],
+    config: SelfCalibrationConfig | None = None,
+    likelihood: MaximumLikelihoodConfig | None = None,
+) -> Calibration:
     """Calibrate both arrays of a link from the sweeps of several stops, which are read one at a time.
 
-    Raises `ValueError` if there are no sweeps, or no dominant path in them.
+    With `use = "auto"` the arrays stay as designed where neither the magnitudes of the first stops show errors of
+    elements, nor all paths of these stops together, nor those of all stops. `likelihood` has the settings of the
+    fits.
+
+    Raises `ValueError` if there are no sweeps, or if `use = "always"` and no path tells.
     """
-    config = config or SelfCalibrationConfig()
-    found, books = [], None
-    for sweep in sweeps:
-        books = books or (sweep.tx_codebook, sweep.rx_codebook)
-        found.append(dominant_paths(sweep, config.min_snr_db))
-    if books is None:
+    config = config or SelfCalibrationConfig(use="always")
+    likelihood = likelihood or MaximumLikelihoodConfig()
+    sweeps, is_sure = iter(sweeps), config.use == "always"
+    first = list(islice(sweeps, JUDGED_STOPS))
+    if not first:
         raise ValueError("self_calibration: no sweeps, at least 2 stops are needed")
-    paths = concatenate(found, "path")
-    magnitudes = _calibrated(books, paths, config, is_coherent=False)
-    best = magnitudes
-    if paths.phases_may_be_coherent() and len(paths.pure(True, config.min_purity)):
-        coherent = _calibrated(books, paths, config, is_coherent=True)
-        if coherent.misfit <= INCOHERENT_GAIN * magnitudes.misfit:
-            best = coherent
-    return best
+    books = first[0].tx_codebook, first[0].rx_codebook
+    with one_blas_thread():
+        if not is_sure and not any(_magnitudes_show_errors(sweep, likelihood) for sweep in first):
+            return as_designed(*books)
+        strong, single = [], []
+        for number, sweep in enumerate(chain(first, sweeps), 1):
+            found = _strong_paths(sweep, likelihood, config)
+            if found is None:
+                single.append(dominant_paths(sweep, config.min_snr_db))
+            else:
+                strong.append(found)
+            if number == len(first) and strong and not is_sure:
+                some = _by_all_paths(strong, books, config, is_sure=False)
+                if not some.n_paths:
+                    return some
+        if strong:
+            return _by_all_paths(strong, books, config, is_sure=is_sure)
+        try:
+            return calibration_by_single_paths(concatenate(single, "path"), books, config)
+        except ValueError:
+            if is_sure:
+                raise
+            return as_designed(*books)
 
 
-def _calibrated(
-    books: tuple[Codebook, Codebook], paths: DominantPaths, config: SelfCalibrationConfig, *, is_coherent: bool
-) -> Calibration:
-    paths = paths.pure(is_coherent, config.min_purity)
-    if not len(paths):
-        raise ValueError("self_calibration: no path stands alone in its delay cell at any of the stops")
-    vectors = paths.vectors(is_coherent)
-    tx, rx = (
-        calibrate_array(book, vector, paths.snr, config, is_coherent=is_coherent)
-        for book, vector in zip(books, vectors, strict=True)
-    )
-    return Calibration(
-        tx_codebook=with_responses(books[0], tx.element, tx.beam),
-        rx_codebook=with_responses(books[1], rx.element, rx.beam),
-        tx_element=tx.element,
-        rx_element=rx.element,
-        n_paths=len(paths),
-        is_coherent=is_coherent,
-        misfit=tx.misfit + rx.misfit,
-    )
+def _magnitudes_show_errors(sweep: BeamSweep, likelihood: MaximumLikelihoodConfig) -> bool:
+    """Whether the magnitudes of a few paths are likely to have errors of elements, or of other paths near them."""
+    few = likelihood.model_copy(update={"max_paths": min(TELLING_PATHS, likelihood.max_paths)})
+    return _is_usable(sweep) and fit_incoherent(replace(sweep, clock=None), few).element_error > SHOWN_LEVEL
 
 
-def with_responses(codebook: Codebook, element: ComplexArray, beam: ComplexArray) -> Codebook:
-    """The codebook with its elements (element,) and beams (beam,) multiplied by these factors."""
-    return replace(codebook, weights=codebook.weights * element * beam[:, None])
+def _is_usable(sweep: BeamSweep) -> bool:
+    return not unusable(sweep) and not blind_ends(sweep)
 
 
-def calibrate_array(
-    codebook: Codebook,
-    vectors: ComplexArray,
-    snr: FloatArray,
+def _strong_paths(
+    sweep: BeamSweep, likelihood: MaximumLikelihoodConfig, config: SelfCalibrationConfig
+) -> tuple[StopSamples, StopModel] | None:
+    """The strong paths of a stop; None where phases are lost, or where beams are to be calibrated."""
+    if config.errors != "elements" or not _is_usable(sweep):
+        return None
+    return strong_paths(sweep, likelihood.model_copy(update={"max_paths": config.max_paths}))
+
+
+def _by_all_paths(
+    stops: list[tuple[StopSamples, StopModel]],
+    books: tuple[Codebook, Codebook],
     config: SelfCalibrationConfig,
     *,
-    is_coherent: bool = True,
-) -> ArrayFactors:
-    """Factors of the elements and of the beams of one device, 1 if as designed.
-
-    Parameters
-    ----------
-    vectors
-        (path, beam) of unit norm: the device's response to one path each, up to a complex factor.
-    snr
-        (path,) inverse of the noise power of an entry of `vectors`. Paths that fit worse than their noise explains
-        (other paths in the same delay cell, side lobes) are weighted by their misfit instead.
-    """
-    element = np.ones(codebook.size("element"), complex)
-    beam = np.ones(len(codebook), complex)
-    manifold = Manifold(codebook)
-    angles = _start(manifold, vectors if is_coherent else np.abs(vectors), is_coherent=is_coherent)
-    step = FIRST_STEP_RAD
-    for _ in range(config.turns):
-        matrix = element_matrix(codebook, *_azimuth_elevation(angles)) * beam[:, None]
-        measured = vectors if is_coherent else _model_phases(vectors, matrix @ element)
-        angles = _searched(codebook, element, beam, measured, angles, step)
-        matrix = element_matrix(codebook, *_azimuth_elevation(angles))
-        misfit = 1 - _match(measured, (matrix @ element) * beam)
-        weight = np.minimum(snr, (vectors.shape[1] - 1) / np.maximum(misfit, LEAST_MISFIT))
-        if config.errors != "beams":
-            element = _element_step(matrix * beam[:, None], measured, weight, element, config.prior_std)
-            element = without_gauge(codebook, element)
-        if config.errors != "elements":
-            beam = _beam_step(matrix @ element, measured, weight, beam, config.prior_std)
-        step = max(step / 2, LAST_STEP_RAD)
-    return ArrayFactors(element, beam, float(np.average(misfit, weights=weight)))
-
-
-def element_matrix(codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
-    """What every element adds to every beam (direction, beam, element) towards directions in the device frame."""
-    matrix = np.empty((len(azimuth_rad), *codebook.weights.shape), complex)
-    panels = np.stack([codebook.panel_azimuth_rad, codebook.panel_tilt_rad], axis=1)
-    slant = codebook.polarisation_slant_rad
-    for panel, tilt in np.unique(panels, axis=0):
-        beams = np.flatnonzero((panels == (panel, tilt)).all(axis=1))
-        local = to_panel(azimuth_rad, elevation_rad, panel, tilt)
-        gain = element_amplitude(codebook.element_pattern, *local)
-        if slant or tilt:
-            gain = gain * vertical_polarisation(azimuth_rad, elevation_rad, panel, tilt, slant)
-        wave = steering_vector(codebook.element_position_m, codebook.carrier_hz, *local) * gain[:, None]
-        matrix[:, beams] = codebook.weights[beams] * wave[:, None]
-    return matrix
-
-
-def without_gauge(codebook: Codebook, element: ComplexArray) -> ComplexArray:
-    """Element factors without the common complex factor and the linear phase, which are unobservable.
-
-    The phase slope is fitted by weighted least squares, so errors of less than pi cause no ambiguity of 2 pi.
-    """
-    position = codebook.element_position_m[:, 1:]
-    position = position - position.mean(axis=0)
-    base = np.column_stack([np.ones(len(element)), position])
-    weight = np.abs(element)
-    turned = element * np.exp(-1j * np.angle(element.sum()))
-    slope, *_ = np.linalg.lstsq(base * weight[:, None], np.angle(turned) * weight, rcond=None)
-    turned = turned * np.exp(-1j * base @ slope)
-    return np.asarray(turned / np.sqrt(np.mean(np.abs(turned) ** 2)))
-
-
-def _element_step(
-    matrix: ComplexArray, measured: ComplexArray, snr: FloatArray, element: ComplexArray, prior_std: float
-) -> ComplexArray:
-    """Least squares for e on the part of the model (path, beam, element) orthogonal to the measured vectors.
-
-    The noise of a unit vector is 1 / SNR per entry, that of the orthogonal part |A e|^2 / SNR.
-    """
-    scale = np.sqrt(snr / np.square(np.abs(matrix @ element)).sum(axis=1))
-    across = matrix - measured[:, :, None] * (measured[:, None].conj() @ matrix)
-    rows = (across * scale[:, None, None]).reshape(-1, matrix.shape[2])
-    normal = rows.conj().T @ rows + np.eye(matrix.shape[2]) / prior_std**2
-    # The prior pulls e to 1; the gauge removes its pull along the scale.
-    return np.asarray(np.linalg.solve(normal, np.full(matrix.shape[2], 1 / prior_std**2, complex)))
-
-
-def _beam_step(
-    model: ComplexArray, measured: ComplexArray, snr: FloatArray, beam: ComplexArray, prior_std: float
-) -> ComplexArray:
-    """Least squares for the factor of every beam, given the responses (path, beam) without it."""
-    current = model * beam
-    factor = (current.conj() * measured).sum(axis=1) / np.square(np.abs(current)).sum(axis=1)
-    expected = model * factor[:, None]
-    weight = np.square(np.abs(expected)) * snr[:, None]
-    matched = expected.conj() * measured * snr[:, None]
-    updated = (matched.sum(axis=0) + 1 / prior_std**2) / (weight.sum(axis=0) + 1 / prior_std**2)
-    scale = np.sqrt(np.mean(np.square(np.abs(updated))))
-    return np.asarray(updated / (scale * np.exp(1j * np.angle(updated.sum()))))
-
-
-def _start(manifold: Manifold, measured: ComplexArray, *, is_coherent: bool) -> FloatArray:
-    """Directions (path, angle) of the grid whose designed responses are nearest to the measured vectors."""
-    grid = manifold.grid(START_OVERSAMPLING)
-    response = manifold.response(grid)
-    if not is_coherent:
-        response = np.abs(response).astype(complex)
-    response = response / np.linalg.norm(response, axis=1, keepdims=True)
-    return np.asarray(grid[np.abs(measured.conj() @ response.T).argmax(axis=1)])
-
-
-def _searched(
-    codebook: Codebook,
-    element: ComplexArray,
-    beam: ComplexArray,
-    measured: ComplexArray,
-    angles: FloatArray,
-    step_rad: float,
-) -> FloatArray:
-    """Directions moved to the vertex of a parabola through the match at three points along every angle."""
-    angles = angles.copy()
-    for axis in range(angles.shape[1]):
-        match = []
-        for move in (-step_rad, 0.0, step_rad):
-            tried = angles.copy()
-            tried[:, axis] += move
-            response = (element_matrix(codebook, *_azimuth_elevation(tried)) @ element) * beam
-            match.append(np.log(_match(measured, response)))
-        left, centre, right = match
-        curvature = left - 2 * centre + right
-        with np.errstate(divide="ignore", invalid="ignore"):
-            vertex = np.where(
-                curvature < 0, np.clip(0.5 * (left - right) / curvature, -1, 1), np.sign(right - left)
-            )
-        angles[:, axis] += step_rad * vertex
-    return angles
-
-
-def _match(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Share (path,) of the power of the unit vectors `measured` (path, beam) along the model."""
-    along = np.square(np.abs((measured.conj() * model).sum(axis=1)))
-    return np.asarray(along / np.square(np.abs(model)).sum(axis=1))
-
-
-def _model_phases(vectors: ComplexArray, model: ComplexArray) -> ComplexArray:
-    """The magnitudes of the vectors (path, beam) with the phases of the model."""
-    return np.asarray(np.abs(vectors) * np.exp(1j * np.angle(model)))
-
-
-def _azimuth_elevation(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return angles[:, 0], angles[:, 1] if angles.shape[1] == 2 else np.zeros(len(angles))
+    is_sure: bool,
+) -> Calibration:
+    """The elements and the coupling that explain all paths; as designed where they are small or by chance."""
+    samples, models = zip(*stops, strict=True)
+    found = joint_factors(samples, models, books, config.prior_std, config.turns)
+    factors = [without_gauge(book, own) for book, own in zip(books, (found.tx, found.rx), strict=True)]
+    elements = [own[: book.size("element")] for book, own in zip(books, factors, strict=True)]
+    is_small = max(error_power(book, own) for book, own in zip(books, elements, strict=True)) < SHOWN_LEVEL
+    if not is_sure and (is_small or found.gain < chi2.isf(CHANCE, found.n_parameters) / 2):
+        return as_designed(*books)
+    tx, rx = (as_built(book, own) for book, own in zip(books, factors, strict=True))
+    return Calibration(
+        tx_codebook=tx,
+        rx_codebook=rx,
+        tx_element=elements[0],
+        rx_element=elements[1],
+        n_paths=sum(len(model.gain) for model in models),
+        is_coherent=True,
+        misfit=found.misfit,
+    )

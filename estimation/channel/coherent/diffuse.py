@@ -25,7 +25,7 @@ from estimation.channel.coherent.refine import Reference, Solution, marginal_cov
 from estimation.channel.coherent.search import searched_turns
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.fit import PathFit
+from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.path_model import PathParameters, manifold_rates
@@ -53,6 +53,8 @@ def fit_over_background(
     if isinstance(stop, PathFit):
         return stop
     white, solution = find_paths(stop.compressed, stop.window, stop.plan, stop.config)
+    if pair_errors is not None and not len(solution.paths):
+        return empty_fit(stop.tx.n_angles, stop.rx.n_angles, "no_paths")
     reference = Reference(white, solution.paths)
     errors = path_errors(reference, solution, stop.window)
     turns = searched_turns(white.turns, stop.plan.grids, stop.plan.oversampling)

@@ -7,6 +7,7 @@ magnitudes of strong paths show beyond the shift that their directions absorb.
 """
 
 from dataclasses import astuple, dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.special import diric
@@ -44,6 +45,10 @@ class ResponseErrors:
 
     level: float = 0.0
     mean: float = 0.0
+
+    def at_most(self, level: float) -> Self:
+        """These errors, or the largest credible ones."""
+        return replace(self, level=min(self.level, level), mean=min(self.mean, level))
 
     def noise(self, ends: LinkBeams, paths: FloatArray, n_bins: int) -> FloatArray:
         """Power (path,) over the noise of the floors of all other paths, as it affects paths (path, parameter)."""

@@ -170,7 +170,8 @@ class IncoherentSearch:
         """Paths that are significant above the background, and their residual (pair, bin)."""
         residual, n_paths = self._residual(paths, at), len(paths)
         n_bins = self.spectrum.n_bins
-        self.errors = response_errors(self.ends, paths, self._phasor(at), residual, self.bins, n_bins, self.errors)
+        shown = response_errors(self.ends, paths, self._phasor(at), residual, self.bins, n_bins, self.errors)
+        self.errors = shown.at_most(self.config.max_element_error)
         self.background = Background.of(residual, self.bins, n_bins, self.errors)
         needed, then = self._needed(paths, at, _REFIT_STEPS)
         return (needed, then, residual if then is None or len(needed) == n_paths else self._residual(needed, then))

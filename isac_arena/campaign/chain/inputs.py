@@ -71,12 +71,16 @@ def channel_estimator(
 
     def estimate(sweep: BeamSweep) -> ChannelEstimate:
         """The estimate by the method of the settings."""
-        from estimation.channel.estimate import estimate_channel  # noqa: PLC0415  (slow to import, kept estimates need none)
+        # slow to import, kept estimates need none
+        from estimation.channel.calibration.remaining import likelihood_settings, with_pointing_errors  # noqa: PLC0415
+        from estimation.channel.estimate import estimate_channel  # noqa: PLC0415
 
         sweep = whitened(sweep) if whitens else sweep
-        return estimate_channel(
-            sweep if calibration is None else calibration.applied(sweep), config=config.channel
-        )
+        if calibration is None:
+            return estimate_channel(sweep, config=config.channel)
+        settings = likelihood_settings(config.channel, calibration)
+        found = estimate_channel(calibration.applied(sweep), config=settings)
+        return with_pointing_errors(found, calibration)
 
     return estimate
 

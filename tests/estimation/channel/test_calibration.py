@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.channel.calibration.dominant import dominant_paths
+from estimation.channel.calibration.ends import element_matrix, with_responses, without_gauge
+from estimation.channel.calibration.rank_one import calibrate_array
 from estimation.channel.calibration.record import calibration_rows
-from estimation.channel.calibration.self_calibration import (
-    calibrate_array,
-    element_matrix,
-    self_calibrate,
-    with_responses,
-    without_gauge,
-)
+from estimation.channel.calibration.self_calibration import self_calibrate
 from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.model.manifold import Manifold
 from isac_arena.validation.scenarios.link_bench import LinkBench, draw_paths, make_bench, observe_paths

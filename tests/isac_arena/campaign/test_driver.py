@@ -160,7 +160,7 @@ def test_another_observer_and_true_poses_replace_their_stages(in_memory: Campaig
 @pytest.fixture
 def calibrated(in_memory: CampaignRun) -> Iterator[tuple[CampaignRun, list[int]]]:
     settings = ChannelConfig(
-        method="incoherent", self_calibration=SelfCalibrationConfig(stops=2, min_snr_db=10, turns=2)
+        method="incoherent", self_calibration=SelfCalibrationConfig(use="always", stops=2, min_snr_db=10, turns=2)
     )
     impairments = ImpairmentsConfig(element_gain_std_db=1.0, element_phase_std_deg=10.0)
     config = in_memory.config.model_copy(update={"channel": settings, "impairments": impairments})
@@ -180,9 +180,16 @@ def test_self_calibration_takes_stops_spread_over_the_run_and_is_made_once(
     assert calls == [STOPS[0], STOPS[-1]]
 
 
-def test_self_calibration_is_named_only_where_there_is_one() -> None:
-    plain = ia.load_campaign("box_room")
-    asked = ia.load_campaign("box_room", **{"channel.self_calibration.stops": 2})
-    assert not plain.chain().calibrates and asked.chain().calibrates
-    own = with_functions(asked.config, {"channel": "mine:guess"})
-    assert not CampaignRun(own, asked.scene).calibrates
+def test_self_calibration_is_named_only_where_there_may_be_one() -> None:
+    """The power method, the paper's, has designed arrays unless a calibration is asked for."""
+    for method, use, calibrates in (
+        ("auto", "auto", True),
+        ("auto", "never", False),
+        ("power", "auto", False),
+        ("power", "always", True),
+    ):
+        settings = {"channel.method": method, "channel.self_calibration.use": use}
+        asked = ia.load_campaign("box_room", **settings)
+        assert asked.chain().calibrates == calibrates
+        own = with_functions(asked.config, {"channel": "mine:guess"})
+        assert not CampaignRun(own, asked.scene).calibrates

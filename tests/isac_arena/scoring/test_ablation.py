@@ -45,7 +45,7 @@ def test_every_variant_calibrates_itself(campaign, monkeypatch: pytest.MonkeyPat
         return make(config, calibration, **others)
 
     monkeypatch.setattr(driver, "channel_estimator", recorded)
-    settings = ChannelConfig(method="power", self_calibration=SelfCalibrationConfig(stops=3))
+    settings = ChannelConfig(method="power", self_calibration=SelfCalibrationConfig(use="always", stops=3))
     right = SMALL_LINK.model_copy(update={"channel": settings})
     wrong = ImpairmentsConfig(element_gain_std_db=1.0, element_phase_std_deg=10.0)
     for config in (right, right.model_copy(update={"impairments": wrong})):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel.calibration.self_calibration import element_matrix
+from estimation.channel.calibration.ends import element_matrix
 from estimation.channel.coherent.pair_errors import LitPairs, PairErrors
 from estimation.channel.coherent.plan import nominal_manifold, search_plan
 from estimation.channel.model.compress import CompressedSweep, compress
