@@ -5,7 +5,7 @@
     truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
     channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes, contours
     truth/stops_000-255.zip, channel/...                the same files of many stops: `shards.py`
-    channel/calibration.nc  arrays as self-calibrated, where asked for
+    channel/calibration.nc  arrays as self-calibrated, or as designed
     scores.json, provenance.nc, report.html, figures/
 
 A measured campaign holds surveyed poses and labels in place of true paths. It has either sweeps, cut from

@@ -208,7 +208,7 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str, more: str =
     counts = TraceCounts()
     failures: list[EstimatorError] = []
     if stops.run.calibrates:
-        with working(console, "self-calibration: gains and phases of both arrays"):
+        with working(console, "self-calibration: do both arrays differ from their design?"):
             stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
         n_stops = len(stops.run.chosen_stops)

@@ -90,12 +90,14 @@ def independent_errors(left: ComplexArray) -> float:
     square of the trace of a covariance over the trace of its square (Satterthwaite, 1946). For white noise that is
     the number of samples.
     """
-    total = 1.0
+    if not left.any():
+        return float(left.size)
+    ratios = []
     for axis in range(3):
         rows = np.moveaxis(left, axis, 0).reshape(left.shape[axis], -1)
         covariance = rows @ rows.conj().T
-        total *= float(np.trace(covariance).real ** 2 / np.square(np.abs(covariance)).sum())
-    return total
+        ratios.append(np.trace(covariance).real ** 2 / np.square(np.abs(covariance)).sum())
+    return float(np.prod(ratios))
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
 
 JUDGED_STOPS = 2  # that say whether arrays differ from their design
-SHOWN_LEVEL = 3e-3  # power of the error of an element that calls for calibration: 2 deg, or .3 dB
+SHOWN_LEVEL = 3e-3  # power of the error of an element that calls for calibration: an error of 5 %
 CHANCE = 1e-3  # that elements without errors would seem to have some
 
 
