@@ -99,7 +99,7 @@ def test_two_workers_and_a_resumed_run_give_the_same_bytes(finished: Path, folde
 @pytest.mark.usefixtures("at_once")
 def test_samples_and_a_self_calibration_are_the_same(folder: Path) -> None:
     with (folder / "small.toml").open("a") as file:
-        file.write("[channel.self_calibration]\nstops = 3\nmin_snr_db = 10.0\n")
+        file.write('[channel.self_calibration]\nuse = "always"\nstops = 3\nmin_snr_db = 10.0\n')
         file.write("min_purity = 0.8\n[impairments]\nelement_phase_std_deg = 5.0\n")
     trees = []
     for workers in (1, 2):
