@@ -67,7 +67,10 @@ def test_a_campaign_with_wrong_elements_gains_by_calibration(tmp_path: Path) -> 
         scores[name] = {row["key"]: row["value"] for row in rows}
     stored = tmp_path / "calibrated" / "channel" / "calibration.nc"
     assert stored.is_file() and not (tmp_path / "plain" / "channel" / "calibration.nc").exists()
-    assert scores["calibrated"]["channel.false_per_stop"] <= 0.6 * scores["plain"]["channel.false_per_stop"]
+    assert scores["calibrated"]["channel.delay.rmse_ns"] <= 0.5 * scores["plain"]["channel.delay.rmse_ns"]
+    assert scores["calibrated"]["channel.weak_per_stop"] >= 1.5 * scores["plain"]["channel.weak_per_stop"]
+    assert scores["calibrated"]["channel.coverage95"] >= scores["plain"]["channel.coverage95"]
+    assert scores["calibrated"]["channel.false_per_stop"] <= 0.5
     assert scores["calibrated"]["channel.detection_rate"] == 1.0
     assert scores["calibrated"]["channel.los.decision_accuracy"] == 1.0
     assert scores["calibrated"]["slam.position.rmse_m"] < 0.1
