@@ -33,24 +33,23 @@ class End:
 
     @classmethod
     def towards(cls, codebook: Codebook, factors: ComplexArray, angles: FloatArray) -> Self:
-        """The end with its `factors` (`DesignedFactors`) towards `angles` (path, angle)."""
+        """The end with its factors, as `designed_factors` orders them, towards `angles` (path, angle)."""
         element, coupling = np.split(factors, [codebook.size("element")])
-        pairs = coupled_pairs(codebook)
-        mixed = np.eye(len(element)) + np.tensordot(coupling, pairs[: len(coupling)], axes=1)
-        matrix = element_matrix(codebook, *azimuth_elevation(angles), mixed)
-        slopes = []
-        for step in DIFFERENCE_RAD * np.eye(angles.shape[1]):
-            ahead, behind = (
-                element_matrix(codebook, *azimuth_elevation(angles + s), mixed) for s in (step, -step)
-            )
-            slopes.append((ahead - behind) @ element / (2 * DIFFERENCE_RAD))
-        by_coupling = [
-            element_matrix(codebook, *azimuth_elevation(angles), one) @ element for one in pairs[: len(coupling)]
-        ]
-        both = np.concatenate(
-            [matrix, np.moveaxis(np.array(by_coupling).reshape(len(coupling), *matrix.shape[:2]), 0, 2)], axis=2
+        pairs = coupled_pairs(codebook)[: len(coupling)]
+        mixed = np.eye(len(element)) + np.tensordot(coupling, pairs, axes=1)
+
+        def elements(towards: FloatArray, of: ComplexArray | FloatArray) -> ComplexArray:
+            return element_matrix(codebook, *azimuth_elevation(towards), of)
+
+        matrix = elements(angles, mixed)
+        by_coupling = [(elements(angles, one) @ element)[:, :, None] for one in pairs]
+        steps = DIFFERENCE_RAD * np.eye(angles.shape[1])
+        slopes = [(elements(angles + s, mixed) - elements(angles - s, mixed)) @ element for s in steps]
+        return cls(
+            matrix=np.concatenate([matrix, *by_coupling], axis=2),
+            response=matrix @ element,
+            slopes=np.stack(slopes) / (2 * DIFFERENCE_RAD),
         )
-        return cls(both, matrix @ element, np.stack(slopes))
 
 
 def designed_factors(codebook: Codebook) -> ComplexArray:
@@ -83,7 +82,10 @@ def coupled_pairs(codebook: Codebook) -> FloatArray:
 
 
 def element_matrix(
-    codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray, coupling: ComplexArray | None = None
+    codebook: Codebook,
+    azimuth_rad: FloatArray,
+    elevation_rad: FloatArray,
+    coupling: ComplexArray | FloatArray | None = None,
 ) -> ComplexArray:
     """What every element adds to every beam (direction, beam, element) towards directions in the device frame.
 

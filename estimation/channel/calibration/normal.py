@@ -240,9 +240,8 @@ def _complex_matrix(stop: StopSamples, columns: _Columns, lit: ComplexArray, rx:
         each = np.einsum("imk,jm->kij", weighted, columns.tx[columns.base], optimize=True)
         turned = each * (rx.response[:, beam].conj()[:, None] * inner[at_gains])
         matrix[of_tx, of_rx] += turned.sum(axis=1) @ rx.matrix[:, beam]
-    upper = matrix[of_tx, of_rx], matrix[: n_tx + n_rx, of_paths]
-    matrix[of_rx, of_tx] = upper[0].conj().T
-    matrix[of_paths, : n_tx + n_rx] = upper[1].conj().T
+    matrix[of_rx, of_tx] = matrix[of_tx, of_rx].conj().T
+    matrix[of_paths, : n_tx + n_rx] = matrix[: n_tx + n_rx, of_paths].conj().T
     return matrix
 
 
