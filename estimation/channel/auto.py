@@ -39,7 +39,7 @@ from sim.observation import BeamSweep
 from sim.signal.waveform.prs import PREFIX_SHARE
 
 DOUBTFUL_RAD = np.deg2rad(45.0)  # residual of a few paths up to which all paths decide; random phases show 104 deg
-TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
+_TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
 _TRACKING_PATHS = (12, 12, 30)  # paths of the fits between which phases are tracked, before the fit of all
 _TRACKED_RAD = np.deg2rad(20.0)  # median error of tracked phases up to which pairs add up: they lose 0.5 dB
 
@@ -66,7 +66,7 @@ class AutoFit:
 def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) -> AutoFit:
     """Paths of one stop by the likelihood that its phases allow; errors are those of `fit_incoherent`."""
     config = config or MaximumLikelihoodConfig()
-    few = _few_paths(config)
+    few = few_paths(config)
     if sweep.clock is not None:
         ramp = fit_phase_ramp(phases_against(sweep, fit_over_background(sweep, few)))
         is_open = ramp.residual_rad <= DOUBTFUL_RAD
@@ -106,9 +106,9 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words, steady)
 
 
-def _few_paths(config: MaximumLikelihoodConfig) -> MaximumLikelihoodConfig:
+def few_paths(config: MaximumLikelihoodConfig) -> MaximumLikelihoodConfig:
     """The settings of a fit of the strongest paths alone."""
-    return config.model_copy(update={"max_paths": min(config.max_paths, TELLING_PATHS)})
+    return config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
 
 
 def _coherent_by_few(
@@ -120,7 +120,7 @@ def _coherent_by_few(
     limit_rad: float,
 ) -> AutoFit | None:
     """The coherent fit if a few coherent paths, without a ramp or without this one, show at most this residual."""
-    joint = _joint_ramp(without_drift(sweep, drift_s), ramp, _few_paths(config))
+    joint = _joint_ramp(without_drift(sweep, drift_s), ramp, few_paths(config))
     if not joint.residual_rad <= limit_rad:
         return None
     return _coherent(sweep, drift_s, joint, config, incoherent, is_sure=False)
@@ -145,7 +145,7 @@ def _coherent(
     drift = ClockDrift()
     if drift_s:
         back = without_phase_ramp(without_drift(sweep, drift_s), ramp.tx_step_rad, ramp.rx_step_rad)
-        drift = drift_against(back, fit_over_background(back, _few_paths(config)), ClockDrift(drift_s), DRIFTING)
+        drift = drift_against(back, fit_over_background(back, few_paths(config)), ClockDrift(drift_s), DRIFTING)
     steady = without_drift(sweep, drift.per_pair)
     turned = without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad)
     fit = fit_over_background(turned, config)

@@ -1,4 +1,4 @@
-"""The two ends of a link as sums of their elements, and what no measurement tells of the elements."""
+"""The two ends of a link as sums of their elements, and the factors that no path shows."""
 
 from dataclasses import dataclass, replace
 from typing import Self

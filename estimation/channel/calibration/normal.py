@@ -162,6 +162,7 @@ class _Columns:
 
     @classmethod
     def of(cls, stop: StopSamples, model: StopModel, tx: End, rx: End) -> Self:
+        """The columns of a model of a stop, for the ends towards its paths; angles are per rad."""
         n, n_aod, n_aoa = len(model.gain), len(tx.slopes), len(rx.slopes)
         size = N_SHARED + n_aod + n_aoa
         near, far = (np.repeat(end.response[:, None], size, axis=1) for end in (tx, rx))

@@ -16,7 +16,7 @@ from itertools import chain, islice
 
 from scipy.stats import chi2
 
-from estimation.channel.auto import TELLING_PATHS
+from estimation.channel.auto import few_paths
 from estimation.channel.calibration.dominant import dominant_paths
 from estimation.channel.calibration.ends import as_built, without_gauge
 from estimation.channel.calibration.joint import joint_factors
@@ -84,8 +84,9 @@ def self_calibrate(
 
 def _magnitudes_show_errors(sweep: BeamSweep, likelihood: MaximumLikelihoodConfig) -> bool:
     """Whether the magnitudes of a few paths are likely to have errors of elements, or of other paths near them."""
-    few = likelihood.model_copy(update={"max_paths": min(TELLING_PATHS, likelihood.max_paths)})
-    return _is_usable(sweep) and fit_incoherent(replace(sweep, clock=None), few).element_error > SHOWN_LEVEL
+    if not _is_usable(sweep):
+        return False
+    return fit_incoherent(replace(sweep, clock=None), few_paths(likelihood)).element_error > SHOWN_LEVEL
 
 
 def _is_usable(sweep: BeamSweep) -> bool:
