@@ -1,8 +1,11 @@
 """From the paths of a maximum-likelihood fit to the channel estimate that mapping and SLAM read."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimation.channel.config import LosConfig
+from estimation.channel.correlation import CorrelatedPaths
 from estimation.channel.fit import PathFit
 from estimation.channel.los import line_of_sight, los_probability
 from estimation.channel.model.manifold import Manifold
@@ -13,7 +16,7 @@ from estimation.channel.record import (
     EstimateStatus,
     PathMotion,
 )
-from scenes.record import FloatArray
+from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
 
 GRID_PER_CELL = 4.0  # directions per Rayleigh cell in the search for the highest gain of a codebook
@@ -59,7 +62,21 @@ def assemble_estimate(
         status=EstimateStatus.OK if n else EstimateStatus.NO_PATHS,
         reason=reason,
         motion=_motion(fit),
+        correlated=_ordered(fit, tx.n_angles, rx.n_angles),
     )
+
+
+def _ordered(fit: PathFit, n_aod_angles: int, n_aoa_angles: int) -> CorrelatedPaths | None:
+    """The correlations of a fit in the order of `ordered_covariance`; unobservable angles have none."""
+    if (pairs := fit.correlated) is None:
+        return None
+    index = _places(n_aod_angles, n_aoa_angles)
+    is_wide = np.einsum("paa->pa", fit.covariance) > UNKNOWN_ANGLE_VARIANCE
+    is_wide[:, 0] = False
+    lost = is_wide[pairs.first][:, :, None] | is_wide[pairs.second][:, None]
+    cross = np.where(lost, 0.0, pairs.cross_covariance)[:, index[:, None], index]
+    cross[:, index < 0] = cross[:, :, index < 0] = np.nan
+    return replace(pairs, cross_covariance=cross)
 
 
 def _motion(fit: PathFit) -> PathMotion | None:
@@ -82,11 +99,7 @@ def ordered_covariance(covariance: FloatArray, n_aod_angles: int, n_aoa_angles: 
 
     A fit orders delay, departure angles, arrival angles. If one end has no elevation, its row and column are NaN.
     """
-    n_fit = 1 + n_aod_angles + n_aoa_angles
-    place = [0, 1, 1 + n_aod_angles]
-    if n_fit > 3:
-        place += [2 if n_aod_angles == 2 else -1, 2 + n_aod_angles if n_aoa_angles == 2 else -1]
-    index = np.array(place)
+    index = _places(n_aod_angles, n_aoa_angles)
     covariance = covariance[:, index[:, None], index]
     unknown = index < 0
     covariance[:, unknown] = np.nan
@@ -97,6 +110,14 @@ def ordered_covariance(covariance: FloatArray, n_aod_angles: int, n_aoa_angles: 
         covariance[wide, axis, :] = covariance[wide, :, axis] = 0.0
         covariance[wide, axis, axis] = UNKNOWN_ANGLE_VARIANCE
     return np.asarray(covariance)
+
+
+def _places(n_aod_angles: int, n_aoa_angles: int) -> IntArray:
+    """Places (3 or 5,) of delay, azimuths and elevations in the order of a fit, -1 for an elevation not fitted."""
+    place = [0, 1, 1 + n_aod_angles]
+    if n_aod_angles + n_aoa_angles > 2:
+        place += [2 if n_aod_angles == 2 else -1, 2 + n_aod_angles if n_aoa_angles == 2 else -1]
+    return np.array(place)
 
 
 def _elevation(angles_rad: FloatArray) -> FloatArray:

@@ -109,6 +109,16 @@ class SelfCalibrationConfig(ConfigModel):
     turns: int = Field(30, ge=1, description="iterations over directions, elements and beams")
 
 
+class HallConfig(ConfigModel):
+    """What is made of floor and ceiling: they repeat the paths over upright surfaces, as heights tell."""
+
+    use: bool = Field(
+        True,
+        description="tie such versions of a path to each other: maximum-likelihood methods, devices at one height",
+    )
+    stops: int = Field(8, ge=1, description="stops at which the heights of floor and ceiling are read")
+
+
 class ChannelConfig(ConfigModel):
     """Settings of channel estimation: the method, and the settings of each method."""
 
@@ -130,3 +140,4 @@ class ChannelConfig(ConfigModel):
         "whiten", description="another TX on the same resource elements: as noise of the RX beams, or not at all"
     )
     self_calibration: SelfCalibrationConfig = SelfCalibrationConfig()
+    hall: HallConfig = HallConfig()

@@ -1,10 +1,11 @@
 """The result of every maximum-likelihood method: the paths of one stop with their covariances."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Self
 
 import numpy as np
 
+from estimation.channel.correlation import CorrelatedPaths
 from scenes.record import BoolArray, FloatArray, Record, array
 
 FitStatus = Literal["ok", "no_paths", "no_signal"]
@@ -41,9 +42,17 @@ class PathFit(Record):
         "path", unit="s", doc="when its energy arrives, since the middle of the sweep: angles are of that time"
     )
     status: FitStatus = array(dtype=str, doc="ok, no_paths or no_signal")
+    correlated: CorrelatedPaths | None = field(default=None, kw_only=True)  # None: the method does not tell
 
     def __len__(self) -> int:
         return self.size("path")
+
+    def take(self, axis: str, index: Any) -> Self:
+        """As `Record.take`."""
+        taken = super().take(axis, index)
+        if axis != "path" or self.correlated is None:
+            return taken
+        return replace(taken, correlated=self.correlated.of_paths(len(self), index))
 
 
 def empty_fit(n_aod_angles: int, n_aoa_angles: int, status: FitStatus) -> PathFit:

@@ -1,12 +1,13 @@
 """The channel estimate: the paths of one stop as the receiver knows them, the same record for all methods."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
+from estimation.channel.correlation import CorrelatedPaths, PointingErrors
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, optional_array
 from sim.observation import BeamSweep
 
@@ -106,6 +107,8 @@ class ChannelEstimate(Record):
     status: str = optional_array(dtype=str, doc="'ok', 'no paths', 'limited', 'refused' or 'failed'")
     reason: str = optional_array(dtype=str, doc="what the method chose and why, or what is wrong")
     motion: PathMotion | None = None  # absent where the sweep has no clock, or phases are not coherent
+    correlated: CorrelatedPaths | None = None  # absent where the method does not tell
+    pointing: PointingErrors | None = None  # absent where both arrays point as designed
 
     def __post_init__(self) -> None:
         n = len(self.delay_s)
@@ -129,6 +132,13 @@ class ChannelEstimate(Record):
 
     def __len__(self) -> int:
         return self.size("path")
+
+    def take(self, axis: str, index: Any) -> Self:
+        """As `Record.take`."""
+        taken = super().take(axis, index)
+        if axis != "path" or self.correlated is None:
+            return taken
+        return replace(taken, correlated=self.correlated.of_paths(len(self), index))
 
     @property
     def reported(self) -> Self:

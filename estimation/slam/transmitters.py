@@ -122,6 +122,8 @@ def joined_paths(parts: Sequence[ChannelEstimate] | Mapping[int, ChannelEstimate
         replace(
             one,
             tx=np.full(len(one), index),
+            correlated=None,
+            pointing=None,
             covariance=one.covariance[:, :size, :size] if len(one) else np.zeros((0, size, size)),
         )
         for index, one in zip(numbers, parts, strict=True)

@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 
 from estimation.channel.beam_power_map import beam_power_map
 from estimation.channel.calibration.record import Calibration
+from estimation.channel.hall.record import HallEstimates
 from estimation.channel.record import ChannelEstimate, EstimateStatus
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.files import (
@@ -119,7 +120,8 @@ class CampaignStore:
         if not self.has_samples:
             return self.truth_fingerprint
         estimator = functions_digest(self.config.functions, "channel") or [self.config.channel.model_dump_json()]
-        code = code_digest("estimation/channel", "estimation/inference", "estimation/execution.py")
+        parts = ("channel", "inference", "laws", "execution.py")
+        code = code_digest(*(f"estimation/{part}" for part in parts))
         return digest(self.truth_fingerprint, *estimator, code)
 
     @cached_property
@@ -127,7 +129,7 @@ class CampaignStore:
         """Fingerprint of all inputs of maps and shapes."""
         parts = {"mapping", "slam", "trajectory", "shapes", "contours", "tracks"}
         settings = self.config.model_dump_json(include=parts)
-        code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape", "tracks")))
+        code = code_digest(*(f"estimation/{part}" for part in ("slam", "shape", "tracks")))
         functions = functions_digest(self.config.functions, "mapping", "slam", "shapes", "tracker")
         return digest(self.channel_fingerprint, settings, *functions, code)
 
@@ -221,6 +223,14 @@ class CampaignStore:
     def write_calibration(self, calibration: Calibration) -> None:
         """Store what self-calibration found; scores made before are dropped."""
         self.write(f"channel/calibration{self.tx}.nc", calibration, self.channel_fingerprint)
+
+    def hall(self) -> HallEstimates | None:
+        """The hall and its paths, or None where there is none yet."""
+        return self.read(f"channel/hall{self.tx}.nc", HallEstimates, self.channel_fingerprint)
+
+    def write_hall(self, hall: HallEstimates) -> None:
+        """Store the hall; scores made before are dropped."""
+        self.write(f"channel/hall{self.tx}.nc", hall, self.channel_fingerprint)
 
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where there is none yet."""

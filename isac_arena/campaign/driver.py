@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.channel.calibration.record import Calibration, calibration_rows
+from estimation.channel.calibration.record import Calibration, spread_rows
 from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.record import ChannelEstimate, ChannelEstimator, EstimateStatus, empty_estimate
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from estimation.slam.transmitters import AnyTx, joined_paths
+from estimation.slam.transmitters import AnyTx
 from estimation.steps import STEPS
 from isac_arena.campaign.chain.inputs import (
     all_tx,
@@ -155,7 +155,7 @@ class CampaignRun:
         if calibration is None:
             from estimation.channel.calibration.self_calibration import self_calibrate  # noqa: PLC0415
 
-            chosen = [self.chosen_stops[row] for row in calibration_rows(len(self.chosen_stops), settings)]
+            chosen = [self.chosen_stops[row] for row in spread_rows(len(self.chosen_stops), settings.stops)]
             kept = ((stop, self.results.sweep(stop)) for stop in chosen)
             sweeps = (self.sweep(self.truth(stop)) if sweep is None else sweep for stop, sweep in kept)
             calibration = self_calibrate(sweeps, settings, self.config.channel.maximum_likelihood)
@@ -163,10 +163,18 @@ class CampaignRun:
         return calibration
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
-        """The paths reported at every stop, of all TX in `truths`, kept or made with one sweep in memory."""
+        """The paths reported at every stop, of all TX in `truths`, kept or made with one sweep in memory.
+
+        In a hall the versions of a path by floor and ceiling are tied, so all stops are estimated first.
+        """
+        from isac_arena.campaign.chain.halls import in_halls  # noqa: PLC0415
+
+        reported: list[list[ChannelEstimate]] = [[] for _ in self.links]
         for stop, group in groupby(truths, key=lambda truth: truth.stop):
             STEPS.info(f"channel estimate of stop {stop}")
-            yield joined_paths({self._row(truth): self._kept_estimate(truth).reported for truth in group})
+            for truth in group:
+                reported[self._row(truth)].append(self._kept_estimate(truth).reported)
+        yield from in_halls(self, reported)
 
     def _kept_estimate(self, truth: Truth) -> ChannelEstimate:
         kept = self.link_of(truth).results.estimate(truth.stop)

@@ -6,6 +6,7 @@ from typing import Literal, Protocol
 
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.calibration.record import Calibration
+from estimation.channel.hall.record import HallEstimates
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
@@ -99,6 +100,12 @@ class ResultStore(Protocol):
     def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
         """Keep the channel estimate of a stop, and what is drawn of its sweep."""
 
+    def hall(self) -> HallEstimates | None:
+        """The hall of a link and its paths."""
+
+    def write_hall(self, hall: HallEstimates) -> None:
+        """Keep the hall."""
+
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM."""
 
@@ -114,6 +121,7 @@ class MemoryResults:
     estimates: dict[int, ChannelEstimate] = field(default_factory=dict)
     maps: dict[MapName, MapResult] = field(default_factory=dict)
     calibrated: Calibration | None = None
+    found_hall: HallEstimates | None = None
     links: dict[str, "MemoryResults"] = field(default_factory=dict)
 
     def of_tx(self, name: str) -> "MemoryResults":
@@ -149,6 +157,14 @@ class MemoryResults:
         """As `ResultStore`."""
         del sweep
         self.estimates[estimate.stop] = estimate
+
+    def hall(self) -> HallEstimates | None:
+        """As `ResultStore`."""
+        return self.found_hall
+
+    def write_hall(self, hall: HallEstimates) -> None:
+        """As `ResultStore`."""
+        self.found_hall = hall
 
     def map_result(self, name: MapName) -> MapResult | None:
         """As `ResultStore`."""

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from estimation.channel.record import EstimateStatus
 from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
+from isac_arena.campaign.chain.halls import make_halls
 from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, check_is_campaign, open_campaign
 from isac_arena.campaign.lock import one_run
@@ -195,11 +196,15 @@ def sweep_and_estimate(
     if not store.has_samples:
         return []
     work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
-    if not all(map(work.is_done, (work.run.chosen_stops[0], work.run.chosen_stops[-1]))):
+    is_done = not again and all(map(work.is_done, work.run.chosen_stops))
+    if not is_done:
         _ensure_kernels()
     failures = _each_stop(work, makers, "trace, sweep, estimate", more="SLAM and contours")
     if failures and len(failures) == len(work.run.chosen_stops):
         raise failures[0]
+    if store.measured is None:
+        with working(console, "floor and ceiling: which paths are versions of others?"):
+            make_halls(work.run, again=not is_done)
     return failures
 
 

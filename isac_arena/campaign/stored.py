@@ -8,6 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
+from estimation.channel.hall.record import HallEstimates, no_hall
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.transmitters import joined_paths
 from isac_arena.campaign.campaign import link_stores
@@ -90,11 +93,12 @@ def known_stops(
 
 
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
-    """The reported paths of every stop's stored channel estimate; `ValueError` where one is missing.
+    """The reported paths of every stop's stored channel estimate in its hall; `ValueError` where one is missing.
 
     With several TX the paths of all, and the power map of the first.
     """
     stores = link_stores(store)
+    halls = [_hall(each) for each, _ in stores]
     for stop in range(n_stops):
         parts: dict[int, StopEstimate] = {}
         for number, (each, stops) in enumerate(stores):
@@ -102,8 +106,15 @@ def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstima
                 continue
             what = f"the channel estimate of stop {stop} ({each.stop_file('channel', stop)})"
             parts[number] = present(store, each.channel(stop), what, "estimate")
-        joined = joined_paths({number: part.channel.reported for number, part in parts.items()})
+        joined = joined_paths({k: halls[k].applied(part.channel.reported) for k, part in parts.items()})
         yield replace(next(iter(parts.values())), channel=joined)
+
+
+def _hall(store: CampaignStore) -> HallEstimates:
+    """The hall of a link; measured paths have none."""
+    if store.measured is not None:
+        return no_hall(np.zeros(0, int))
+    return present(store, store.hall(), f"the hall (channel/hall{store.tx}.nc)", "estimate")
 
 
 def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.config import SelfCalibrationConfig
 from scenes.record import ComplexArray, IntArray, Record, array
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
@@ -33,6 +32,6 @@ def as_designed(tx_codebook: Codebook, rx_codebook: Codebook) -> Calibration:
     return Calibration(tx_codebook, rx_codebook, tx, rx, n_paths=0, is_coherent=False, misfit=0.0)
 
 
-def calibration_rows(n_stops: int, config: SelfCalibrationConfig) -> IntArray:
-    """Rows of the stops that self-calibration uses, spread evenly over `n_stops`: sorted, each once."""
-    return np.unique(np.linspace(0, n_stops - 1, config.stops).round().astype(int))
+def spread_rows(n_stops: int, n_chosen: int) -> IntArray:
+    """Rows of some stops, spread evenly over `n_stops`: sorted, each once."""
+    return np.unique(np.linspace(0, n_stops - 1, n_chosen).round().astype(int))

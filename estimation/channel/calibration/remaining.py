@@ -10,6 +10,7 @@ import numpy as np
 from estimation.channel.calibration.record import Calibration
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import ChannelConfig
+from estimation.channel.correlation import PointingErrors
 from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import ComplexArray, FloatArray
@@ -38,7 +39,7 @@ def with_pointing_errors(estimate: ChannelEstimate, calibration: Calibration) ->
     """
     if not len(estimate) or not calibration.n_paths:
         return estimate
-    covariance = estimate.covariance.copy()
+    pointing = np.zeros_like(estimate.covariance)
     ends = (
         (calibration.tx_codebook, calibration.tx_element, estimate.aod_azimuth_rad, estimate.aod_elevation_rad, 0),
         (calibration.rx_codebook, calibration.rx_element, estimate.aoa_azimuth_rad, estimate.aoa_elevation_rad, 1),
@@ -46,8 +47,8 @@ def with_pointing_errors(estimate: ChannelEstimate, calibration: Calibration) ->
     for codebook, element, azimuth_rad, elevation_rad, end in ends:
         added = direction_covariance(codebook, sine_variance(codebook, element), azimuth_rad, elevation_rad)
         place = [1 + end, MIN_PARAMETERS + end] if estimate.size("parameter") > MIN_PARAMETERS else [1 + end]
-        covariance[:, np.array(place)[:, None], place] += added[:, : len(place), : len(place)]
-    return replace(estimate, covariance=covariance)
+        pointing[:, np.array(place)[:, None], place] = added[:, : len(place), : len(place)]
+    return replace(estimate, covariance=estimate.covariance + pointing, pointing=PointingErrors(pointing))
 
 
 def sine_variance(codebook: Codebook, element: ComplexArray) -> FloatArray:

@@ -21,7 +21,7 @@ from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit, reported_delay_bins
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
-from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances, response_powers
+from estimation.channel.coherent.refine import Reference, Solution, joint_covariance, response_powers
 from estimation.channel.coherent.search import searched_turns
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
@@ -83,7 +83,7 @@ def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -
     scale = np.maximum(shown, pair_noise)
     by_neighbours, probability = neighbour_covariance(reference, solution, pair_noise)
     lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
-    by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
+    by_noise = joint_covariance(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
     is_redundant = redundant_paths(solution, scale * window.white_level_at(solution.paths.delay_bins)) & is_small
     if window.pairs is not None:

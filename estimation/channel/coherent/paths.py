@@ -31,15 +31,16 @@ from estimation.channel.coherent.refine import (
     FEW,
     Reference,
     Solution,
-    marginal_covariances,
+    joint_covariance,
     refine_paths,
     refine_separately,
     solve_at,
 )
 from estimation.channel.coherent.search import SpectrumPeaks, SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.correlation import correlated_paths
 from estimation.channel.fit import PathFit, empty_fit
-from estimation.channel.model.apparent import reported_angles, reported_covariance
+from estimation.channel.model.apparent import reported_angles, reported_slopes
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, residual
@@ -78,9 +79,9 @@ def fit_coherent(
     if isinstance(stop, PathFit):
         return stop
     solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
-    by_noise = marginal_covariances(solution, stop.compressed.n_subcarriers)
-    none = np.zeros(len(by_noise))
-    errors = PathErrors(by_noise, np.ones_like(none), np.zeros_like(by_noise), none, none.astype(bool))
+    by_noise = joint_covariance(solution, stop.compressed.n_subcarriers)
+    none, beside = np.zeros(len(by_noise)), np.zeros_like(by_noise[:, :, 0])
+    errors = PathErrors(by_noise, np.ones_like(none), beside, none, none.astype(bool))
     return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw, errors)
 
 
@@ -102,7 +103,7 @@ class PathErrors:
 
     Attributes
     ----------
-    by_noise : (path, parameter, parameter) covariance of delay in bins and angles in rad by the nominal noise
+    by_noise : (path, parameter, path, parameter) of delays in bins and angles in rad by the nominal noise
     scale : (path,) of that noise
     beside : (path, parameter, parameter) covariance by everything else
     unresolved_probability : (path,) that a path stands for two within half a resolution cell
@@ -116,9 +117,12 @@ class PathErrors:
     is_redundant: BoolArray
 
     @property
-    def covariance(self) -> FloatArray:
-        """Covariance (path, parameter, parameter) of delay in bins and angles in rad."""
-        return self.scale[:, None, None] * self.by_noise + self.beside
+    def joint(self) -> FloatArray:
+        """Covariance (path, parameter, path, parameter) of delays in bins and angles in rad."""
+        root, every = np.sqrt(self.scale), np.arange(len(self.scale))
+        joint = root[:, None, None, None] * root[:, None] * self.by_noise
+        joint[every, :, every] += self.beside
+        return np.asarray(joint)
 
 
 def compress_stop(
@@ -274,9 +278,8 @@ def path_fit(
     tx_gain = np.abs(tx.response(aod_rad)) ** 2
     rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
     snr = np.abs(gain) ** 2 * tx_gain.max(axis=1) * rx_gain.max(axis=1) * n / sweep.noise_scale
-    covariance = reported_covariance(errors.covariance, aod_slopes, aoa_slopes)
-    covariance[:, 0] *= sweep.bin_s
-    covariance[:, :, 0] *= sweep.bin_s
+    slopes = reported_slopes(aod_slopes, aoa_slopes, paths.doppler_turns.shape[1])
+    slopes[:, 0] *= sweep.bin_s
     doppler_hz, seen_s = np.zeros((len(paths), 0)), np.zeros(len(paths))
     if sweep.turns is not None:
         doppler_hz = paths.doppler_turns / sweep.turns.span_s
@@ -284,9 +287,10 @@ def path_fit(
             sweep.tx.response(paths.aod_rad), sweep.rx.response(paths.aoa_rad)
         )
         delay_s = delay_s + doppler_hz[:, 0] * seen_s / sweep.turns.carrier_hz
-        covariance[:, -1] /= sweep.turns.span_s
-        covariance[:, :, -1] /= sweep.turns.span_s
+        slopes[:, -1] /= sweep.turns.span_s
     order = np.argsort(delay_s, kind="stable")
+    slopes, joint = slopes[order], errors.joint[order][:, :, order]
+    joint = (slopes[:, None] @ joint.transpose(0, 2, 1, 3) @ slopes.swapaxes(1, 2)).transpose(0, 2, 1, 3)
     return PathFit(
         delay_s=delay_s[order],
         aod_rad=wrap_angle(aod_rad[order]),
@@ -294,7 +298,8 @@ def path_fit(
         amplitude=np.abs(gain)[order],
         phase_rad=np.angle(gain)[order],
         snr_db=10 * np.log10(snr[order]),
-        covariance=covariance[order],
+        covariance=np.einsum("papb->pab", joint),
+        correlated=correlated_paths(joint),
         unresolved_probability=errors.unresolved_probability[order],
         is_weak=errors.is_redundant[order],
         doppler_hz=doppler_hz[order],

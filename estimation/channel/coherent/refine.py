@@ -309,8 +309,8 @@ def response_powers(solution: Solution) -> FloatArray:
     return np.asarray(np.square(np.abs(solution.paths.amplitude)) * np.diagonal(solution.inner).real)
 
 
-def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArray | float = 0.0) -> FloatArray:
-    """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
+def joint_covariance(solution: Solution, n_subcarriers: int, lost: FloatArray | float = 0.0) -> FloatArray:
+    """Covariance (path, parameter, path, parameter) of delays in bins and angles in rad, amplitudes unknown.
 
     The inverse of the joint Fisher information of all paths plus a prior: delays are within the period, angles on
     the circle, turns within `TURNS_SPAN`. So an unobservable parameter has the variance of a uniform one. `lost`
@@ -322,6 +322,11 @@ def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArra
     prior[:3] = [0.0, 0.0, 12 / n_subcarriers**2]
     prior[n_columns - solution.paths.doppler_turns.shape[1] :] = 12 / TURNS_SPAN**2
     information = information + np.einsum("pq,ab,b->paqb", np.eye(n), np.eye(n_columns), prior)
-    inverse = regular_inverse(information.reshape(n * n_columns, -1)).reshape(information.shape)
-    block = np.einsum("iaib->iab", inverse)[:, 2:, 2:]
-    return np.asarray((block + block.swapaxes(1, 2)) / 2)
+    inverse = regular_inverse(information.reshape(n * n_columns, -1))
+    inverse = ((inverse + inverse.T) / 2).reshape(information.shape)
+    return np.asarray(inverse[:, 2:, :, 2:])
+
+
+def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArray | float = 0.0) -> FloatArray:
+    """Covariance (path, parameter, parameter) of every path, all others unknown; see `joint_covariance`."""
+    return np.asarray(np.einsum("papb->pab", joint_covariance(solution, n_subcarriers, lost)))

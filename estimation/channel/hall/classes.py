@@ -22,6 +22,7 @@ from estimation.channel.hall.geometry import Version
 from estimation.channel.hall.pairs import VERSION_PAIRS, Agreement, agreement
 from estimation.channel.hall.paths import PlanPoints, RangedPaths, elevation_log_likelihood, plan_points
 from estimation.channel.hall.power import SIGHT_STD_DB, StopPowers
+from estimation.channel.hall.record import ClassPriors
 from scenes.record import FloatArray
 
 WEAK, SIGHT, FIRST = 0, 1, 2  # states; then the versions in their order
@@ -47,24 +48,6 @@ class HallClass(StrEnum):
 
 
 STATE_CLASS = np.array([3, 0, 1, 2, 2, 2, 2])  # class of each state
-
-
-@dataclass(frozen=True)
-class ClassPriors:
-    """What paths of each state are like.
-
-    Attributes
-    ----------
-    share : (state,) of the paths that are not the line of sight
-    mean : (state, feature) of loss beyond free space in dB and the features of `StopPowers`
-    covariance : (state, feature, feature)
-    has_versions : (state,) probability of versions among the other paths
-    """
-
-    share: FloatArray
-    mean: FloatArray
-    covariance: FloatArray
-    has_versions: FloatArray
 
 
 def _start() -> ClassPriors:
@@ -93,6 +76,7 @@ class StopStates:
     Attributes
     ----------
     probability : (path, state)
+    alone : (path, state) without support by other paths
     support : (path, state) by versions among the other paths
     evidence : log evidence of the stop; support counts half, because a pair supports both of its paths
     points : plan paths at the heights and clock bias
@@ -102,6 +86,7 @@ class StopStates:
     """
 
     probability: FloatArray
+    alone: FloatArray
     support: FloatArray
     evidence: float
     points: PlanPoints
@@ -129,13 +114,16 @@ def stop_states(
     allowed = points.is_possible[:, GEOMETRY]
     allowed[:, WEAK] = True
     alone = np.where(allowed, alone, -np.inf)
-    probability, total, support = _normalised(alone), alone, np.ones(alone.shape)
+    by_itself = _normalised(alone)
+    probability, total, support = by_itself, alone, np.ones(alone.shape)
     for _ in range(ROUNDS):
         support = _support(pairs, probability)
         total = alone + np.log(1 - priors.has_versions + priors.has_versions * support)
         probability = _normalised(total)
     evidence = float(np.logaddexp.reduce([total, alone], axis=2).sum() / 2) if len(paths) else 0.0
-    return StopStates(probability, support, evidence, points, pairs, _weights(pairs, probability), features)
+    return StopStates(
+        probability, by_itself, support, evidence, points, pairs, _weights(pairs, probability), features
+    )
 
 
 def state_features(

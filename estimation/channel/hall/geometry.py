@@ -27,6 +27,8 @@ class Version(IntEnum):
     CEILING_FLOOR = 4
 
 
+NO_CEILING_M = 1e4  # height of a ceiling that no path reaches
+
 # Height differences are linear in the heights of TX, receiver and ceiling.
 HEIGHT_SLOPES = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 2], [1, -1, 2], [-1, 1, 2]], float)
 # Signs of the elevation at the TX and at the receiver over the height difference.

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.config import LosConfig
-from estimation.channel.hall.classes import START, ClassPriors, StopStates, learned_priors, stop_states
-from estimation.channel.hall.geometry import Heights
+from estimation.channel.hall.classes import START, StopStates, learned_priors, stop_states
+from estimation.channel.hall.geometry import NO_CEILING_M, Heights
 from estimation.channel.hall.paths import RangedPaths, stop_paths
 from estimation.channel.hall.power import ElevationLoss, SightPower, StopPowers, stop_powers
+from estimation.channel.hall.record import ClassPriors, HallModel
 from estimation.channel.hall.refine import stop_equations
 from estimation.channel.hall.search import (
     clock_grid,
@@ -29,7 +30,7 @@ from estimation.channel.hall.search import (
     stop_votes,
 )
 from estimation.channel.record import ChannelEstimate
-from scenes.record import FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray
 from sim.signal.arrays.codebook import Codebook
 
 N_CLOCKS = 6  # clock biases tried at each stop
@@ -40,6 +41,8 @@ LOOSE_STD_M = np.array([3.0, 3.0, 10.0, 100.0])  # prior of a step: keeps what i
 SMALLEST_STEP_M = 1e-4
 AMBIGUOUS = 10.0  # by how much the merit of another solution may be lower if it is to be named
 SAME_M = 0.03  # heights of one solution
+# Of a ceiling in log evidence: 45 to 370 at three stops of design rooms that show theirs, -7 to 25 of false ones.
+LEAST_CEILING = 35.0
 
 
 @dataclass(frozen=True)
@@ -53,39 +56,27 @@ class HallLink:
 
 
 @dataclass(frozen=True)
-class HallModel:
-    """A hall as its channel estimates show it.
+class GivenHeights:
+    """Surveyed heights of the devices above the floor, with one standard deviation; None where not surveyed."""
 
-    Attributes
-    ----------
-    heights : of TX, receiver and ceiling above the floor
-    stop : (stop,) index of the receiver stop of each estimate
-    clock_m : (stop,) clock bias times the speed of light
-    covariance_m2 : (3 + stop, 3 + stop) of the heights and the clocks; 0 for a height that was given
-    priors : what paths of each class are like
-    merit : log evidence of the solution, by the classes of paths and by the votes of pairs together
-    others : other solutions that explain the estimates nearly as well, with their merits
-    caveats : what the estimates cannot tell
-    """
-
-    heights: Heights
-    stop: IntArray
-    clock_m: FloatArray
-    covariance_m2: FloatArray
-    priors: ClassPriors
-    merit: float
-    others: tuple[tuple[Heights, float], ...]
-    caveats: tuple[str, ...]
+    tx_m: float | None = None
+    rx_m: float | None = None
+    std_m: float = 0.0
 
     @property
-    def height_std_m(self) -> FloatArray:
-        """Standard deviations (3,) of the heights of TX, receiver and ceiling."""
-        return np.sqrt(np.diagonal(self.covariance_m2)[:3])
+    def is_given(self) -> BoolArray:
+        """Mask (3,) of the heights of TX, receiver and ceiling that were surveyed."""
+        return np.array([self.tx_m is not None, self.rx_m is not None, False])
 
     @property
-    def clock_std_m(self) -> FloatArray:
-        """Standard deviations (stop,) of the clock biases."""
-        return np.sqrt(np.diagonal(self.covariance_m2)[3:])
+    def are_both(self) -> bool:
+        """Whether both devices were surveyed."""
+        return bool(self.is_given[:2].all())
+
+    @property
+    def value_m(self) -> FloatArray:
+        """Heights (3,); 0 where not surveyed."""
+        return np.array([self.tx_m or 0.0, self.rx_m or 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -94,7 +85,7 @@ class _Stops:
 
     paths: Sequence[RangedPaths]
     powers: Sequence[StopPowers]
-    tx_is_known: bool
+    given: GivenHeights
 
 
 @dataclass(frozen=True)
@@ -113,7 +104,7 @@ class _Point:
 
 
 def read_hall(
-    estimates: Sequence[ChannelEstimate], link: HallLink, *, tx_height_m: float | None = None
+    estimates: Sequence[ChannelEstimate], link: HallLink, given: GivenHeights = GivenHeights()
 ) -> HallModel | None:
     """Heights of floor, ceiling and receiver from the estimates of a campaign; None where no stop has two paths.
 
@@ -124,11 +115,11 @@ def read_hall(
     used = [estimate for estimate in estimates if len(estimate) > 1]
     if not used:
         return None
-    stops = prepared_stops(used, link, tx_height_m is not None)
+    stops = prepared_stops(used, link, given)
     clocks = [clock_grid(paths) for paths in stops.paths]
     votes = [stop_votes(paths, clock) for paths, clock in zip(stops.paths, clocks, strict=True)]
     sight = SightPower(used, stops.powers, clocks, link.los)
-    heights = starting_heights(votes, sight.log_prior, height_grid(tx_height_m))
+    heights = starting_heights(votes, sight.log_prior, height_grid(given.tx_m, given.rx_m))
     points = []
     for start in heights:
         tried = starting_clocks(votes, sight.log_prior, start, N_CLOCKS)
@@ -142,10 +133,20 @@ def read_hall(
     points.sort(key=lambda one: -merit(one[0]))
     settled = [_settled(stops, *one) for one in points[:N_BEST]]
     ranked = sorted(((merit(point), point) for point in settled), key=lambda one: -one[0])
+    best = ranked[0][1]
+    without = _without_ceiling(stops, best)
+    if best.evidence - without.evidence < LEAST_CEILING:
+        ranked[0] = merit(without), without
     return _model(used, stops, ranked)
 
 
-def prepared_stops(estimates: Sequence[ChannelEstimate], link: HallLink, tx_is_known: bool) -> _Stops:
+def _without_ceiling(stops: _Stops, point: _Point) -> _Point:
+    """The point where no path is by way of a ceiling."""
+    heights_m = np.append(point.heights_m[:2], NO_CEILING_M)
+    return _climbed(stops, _at(stops, heights_m, point.clock_m, point.priors), LAST_STEPS)
+
+
+def prepared_stops(estimates: Sequence[ChannelEstimate], link: HallLink, given: GivenHeights) -> _Stops:
     """Paths and powers of estimates."""
     books = (link.tx_codebook, link.rx_codebook)
     elevation_loss = ElevationLoss(books)
@@ -154,36 +155,49 @@ def prepared_stops(estimates: Sequence[ChannelEstimate], link: HallLink, tx_is_k
         stop_powers(estimate, own, elevation_loss, link.los, link.cell_s)
         for estimate, own in zip(estimates, paths, strict=True)
     ]
-    return _Stops(paths, powers, tx_is_known)
+    return _Stops(paths, powers, given)
 
 
 def _with_best_clocks(
     stops: _Stops, heights_m: FloatArray, priors: ClassPriors, tried: Sequence[FloatArray]
 ) -> _Point:
     """The point at these heights with the best of the clocks tried at every stop, each after steps of its own."""
-    differences = Heights(*heights_m).differences_m
+    differences, by_elevation = Heights(*heights_m).differences_m, not stops.given.are_both
     best, clock = [], []
     for paths, powers, biases in zip(stops.paths, stops.powers, tried, strict=True):
-        reached = [_own_clock(paths, powers, float(bias), differences, priors) for bias in biases]
+        reached = [
+            own_clock(paths, powers, float(bias), differences, priors, CLOCK_STEPS, by_elevation=by_elevation)
+            for bias in biases
+        ]
         bias, states = max(reached, key=lambda one: one[1].evidence)
         best.append(states)
         clock.append(bias)
     return _Point(heights_m, np.array(clock), priors, best)
 
 
-def _own_clock(
-    paths: RangedPaths, powers: StopPowers, clock_m: float, differences_m: FloatArray, priors: ClassPriors
+def own_clock(
+    paths: RangedPaths,
+    powers: StopPowers,
+    clock_m: float,
+    differences_m: FloatArray,
+    priors: ClassPriors,
+    n_steps: int,
+    *,
+    by_elevation: bool,
 ) -> tuple[float, StopStates]:
     """A clock bias after steps that do not lower the evidence of its stop, with the states there."""
     states = stop_states(paths, powers, clock_m, differences_m, priors)
-    for _ in range(CLOCK_STEPS):
-        part = stop_equations(paths, powers, states, clock_m, differences_m)
+    for _ in range(n_steps):
+        part = stop_equations(paths, powers, states, clock_m, differences_m, by_elevation=by_elevation)
         step = part.slope[3] / (part.information[3, 3] + 1 / LOOSE_STD_M[3] ** 2)
         trial = clock_m + float(np.clip(step, -LONGEST_STEP_M[3], LONGEST_STEP_M[3]))
         there = stop_states(paths, powers, trial, differences_m, priors)
         if there.evidence <= states.evidence:
             break
+        is_settled = abs(trial - clock_m) < SMALLEST_STEP_M
         clock_m, states = trial, there
+        if is_settled:
+            break
     return clock_m, states
 
 
@@ -236,15 +250,20 @@ def _equations(stops: _Stops, point: _Point) -> tuple[FloatArray, FloatArray]:
     information, slope = np.zeros((3 + n, 3 + n)), np.zeros(3 + n)
     loose = np.concatenate([LOOSE_STD_M[:3], np.full(n, LOOSE_STD_M[3])])
     information[np.diag_indices(3 + n)] = 1 / loose**2
-    differences = Heights(*point.heights_m).differences_m
+    differences, by_elevation = Heights(*point.heights_m).differences_m, not stops.given.are_both
     for index, (paths, powers, states) in enumerate(zip(stops.paths, stops.powers, point.states, strict=True)):
-        part = stop_equations(paths, powers, states, float(point.clock_m[index]), differences)
+        clock_m = float(point.clock_m[index])
+        part = stop_equations(paths, powers, states, clock_m, differences, by_elevation=by_elevation)
         rows = np.array([0, 1, 2, 3 + index])
         information[np.ix_(rows, rows)] += part.information
         slope[rows] += part.slope
-    if stops.tx_is_known:
-        information[0], information[:, 0], slope[0] = 0.0, 0.0, 0.0
-        information[0, 0] = 1.0
+    for row in np.flatnonzero(stops.given.is_given):
+        if stops.given.std_m > 0:
+            information[row, row] += 1 / stops.given.std_m**2
+            slope[row] += (stops.given.value_m[row] - point.heights_m[row]) / stops.given.std_m**2
+        else:
+            information[row], information[:, row], slope[row] = 0.0, 0.0, 0.0
+            information[row, row] = 1.0
     return information, slope
 
 
@@ -255,38 +274,45 @@ def _model(
     merit, best = ranked[0]
     information, _ = _equations(stops, best)
     covariance = np.asarray(np.linalg.inv(information), float)
-    if stops.tx_is_known:
-        covariance[0] = covariance[:, 0] = 0.0
+    if stops.given.std_m == 0:
+        exact = np.flatnonzero(stops.given.is_given)
+        covariance[exact] = covariance[:, exact] = 0.0
     std = np.sqrt(np.diagonal(covariance))
-    others = []
-    for other_merit, point in ranked[1:]:
-        is_other = np.abs(point.heights_m - best.heights_m).max() > 3 * std[:3].max() + SAME_M
-        if is_other and other_merit > merit - AMBIGUOUS:
-            others.append((Heights(*map(float, point.heights_m)), other_merit))
+    others = [
+        (point.heights_m, other)
+        for other, point in ranked[1:]
+        if np.abs(point.heights_m - best.heights_m).max() > 3 * std[:3].max() + SAME_M
+        and other > merit - AMBIGUOUS
+    ]
     model = HallModel(
-        heights=Heights(*map(float, best.heights_m)),
+        heights_m=best.heights_m,
+        covariance_m2=covariance[:3, :3],
         stop=np.array([estimate.stop for estimate in estimates]),
         clock_m=best.clock_m,
-        covariance_m2=covariance,
-        priors=best.priors,
+        clock_std_m=std[3:],
         merit=merit,
-        others=tuple(others),
-        caveats=(),
+        other_heights_m=np.array([heights for heights, _ in others]).reshape(-1, 3),
+        other_merit=np.array([other for _, other in others]),
+        caveats=np.zeros(0, str),
+        priors=best.priors,
+        by_elevation=not stops.given.are_both,
     )
-    return replace(model, caveats=_caveats(stops, model))
+    return replace(model, caveats=np.array(_caveats(stops, model), str))
 
 
 def _caveats(stops: _Stops, model: HallModel) -> tuple[str, ...]:
     """What the estimates cannot tell, in words."""
     found = []
+    if not model.sees_ceiling:
+        found.append("no ceiling shows")
     level, floor, ceiling = np.abs(model.heights.differences_m[:3])
     if abs(floor - ceiling) < 3 * float(np.max(model.height_std_m)) + 0.02:
         found.append("floor and ceiling are as far from the devices: their versions coincide")
     sees = any(paths.sees_elevation.any() for paths in stops.paths)
     if not sees and level < 3 * float(np.max(model.height_std_m)):
         found.append("devices at equal heights: no level path shows a height difference")
-    if not stops.tx_is_known:
+    if stops.given.tx_m is None:
         found.append("height of the TX unknown: another set of heights may have nearly the same versions")
-    if model.others:
-        found.append(f"{len(model.others)} other solutions explain the paths nearly as well")
+    if len(model.other_merit):
+        found.append(f"{len(model.other_merit)} other solutions explain the paths nearly as well")
     return tuple(found)

@@ -22,6 +22,7 @@ class Agreement:
 
     `ratio` (pair, pair of versions) is the density of their difference as these versions over that of unrelated
     paths. `difference` (pair, pair of versions, 3) and `covariance` (..., 3, 3) are those of their plan paths.
+    `chance` (pair,) is the density of unrelated paths around the pair, per m rad^2.
     """
 
     one: IntArray
@@ -29,6 +30,7 @@ class Agreement:
     ratio: FloatArray
     difference: FloatArray
     covariance: FloatArray
+    chance: FloatArray
 
 
 def agreement(paths: RangedPaths, points: PlanPoints) -> Agreement:
@@ -45,9 +47,12 @@ def agreement(paths: RangedPaths, points: PlanPoints) -> Agreement:
     keep = inside.any(axis=1)
     one, two, difference, possible = one[keep], two[keep], difference[keep], possible[keep]
     covariance = points.covariance[one][:, first] + points.covariance[two][:, second]
+    own, cross = points.slope[..., :3], paths.cross[one, two][:, None, :3, :3]
+    common = own[one][:, first] @ cross @ own[two][:, second].swapaxes(2, 3)
+    covariance = covariance - common - common.swapaxes(2, 3)
     chance = _chance_density(len(paths), one, two, inside[keep])[:, None]
     density = difference_density(difference, covariance)
-    return Agreement(one, two, np.where(possible, density / chance, 0.0), difference, covariance)
+    return Agreement(one, two, np.where(possible, density / chance, 0.0), difference, covariance, chance[:, 0])
 
 
 def _chance_density(n_paths: int, one: IntArray, two: IntArray, inside: BoolArray) -> FloatArray:
@@ -69,7 +74,7 @@ def difference_density(difference: FloatArray, covariance: FloatArray) -> FloatA
     return np.asarray((core + tail) / norm)
 
 
-def core_and_tail(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def core_and_tail(distance: FloatArray, n_parameters: int = 3) -> tuple[FloatArray, FloatArray]:
     """The two parts (...) of that density over its norm, at squared Mahalanobis distances (...)."""
-    tail = TAIL_SHARE / TAIL_SPREAD**3 * np.exp(-0.5 * distance / TAIL_SPREAD**2)
+    tail = TAIL_SHARE / TAIL_SPREAD**n_parameters * np.exp(-0.5 * distance / TAIL_SPREAD**2)
     return (1 - TAIL_SHARE) * np.exp(-0.5 * distance), tail

@@ -28,6 +28,8 @@ class RangedPaths:
     boresight_rad : (path, end) of the panel in front
     is_cone : (end,) whether azimuths are cone angles about the boresight
     covariance : (path, 5, 5) of range in m, both azimuths, both elevations; unknown elevations have wide ones
+    cross : (path, path, 5, 5) covariance between paths that are not resolved from each other, else 0
+    pointing : (path, 5, 5) part of the covariance that all paths have in common
     """
 
     range_m: FloatArray
@@ -36,6 +38,8 @@ class RangedPaths:
     boresight_rad: FloatArray
     is_cone: BoolArray
     covariance: FloatArray
+    cross: FloatArray
+    pointing: FloatArray
 
     def __len__(self) -> int:
         return len(self.range_m)
@@ -59,6 +63,8 @@ class RangedPaths:
             boresight_rad=self.boresight_rad[index],
             is_cone=self.is_cone,
             covariance=self.covariance[index],
+            cross=self.cross[index][:, index],
+            pointing=self.pointing[index],
         )
 
 
@@ -86,7 +92,26 @@ def stop_paths(estimate: ChannelEstimate, tx: Codebook, rx: Codebook) -> RangedP
         ),
         is_cone=np.array([kind == AngleKind.CONE for kind in (estimate.aod_angle_kind, estimate.aoa_angle_kind)]),
         covariance=covariance,
+        cross=_cross(estimate, unit),
+        pointing=_pointing(estimate, unit),
     )
+
+
+def _cross(estimate: ChannelEstimate, unit: FloatArray) -> FloatArray:
+    n, cross = len(estimate), np.zeros((len(estimate), len(estimate), 5, 5))
+    if estimate.correlated is not None:
+        known = estimate.correlated.dense(n)
+        size = known.shape[2]
+        cross[:, :, :size, :size] = known * unit[:size, None] * unit[:size]
+    return cross
+
+
+def _pointing(estimate: ChannelEstimate, unit: FloatArray) -> FloatArray:
+    pointing = np.zeros((len(estimate), 5, 5))
+    if estimate.pointing is not None:
+        size = estimate.size("parameter")
+        pointing[:, :size, :size] = np.nan_to_num(estimate.pointing.covariance) * unit[:size, None] * unit[:size]
+    return pointing
 
 
 @dataclass(frozen=True)
@@ -117,9 +142,10 @@ def plan_points(paths: RangedPaths, clock_m: float, differences_m: FloatArray) -
         np.sqrt(paths.variance[:, None, 1:3]),
         differences_m,
     )
-    own = seen.slope[..., :3]
+    slope = np.where(seen.is_possible[..., None, None], seen.slope, np.eye(3, 4))
+    own = slope[..., :3]
     covariance = np.einsum("pvai,pij,pvbj->pvab", own, paths.covariance[:, :3, :3], own)
-    return PlanPoints(seen.value, seen.slope, covariance, seen.is_possible)
+    return PlanPoints(seen.value, slope, covariance, seen.is_possible)
 
 
 def expected_elevation(plan_m: FloatArray, differences_m: FloatArray, end: int) -> FloatArray:

@@ -29,14 +29,21 @@ class Equations:
 
 
 def stop_equations(
-    paths: RangedPaths, powers: StopPowers, states: StopStates, clock_m: float, differences_m: FloatArray
+    paths: RangedPaths,
+    powers: StopPowers,
+    states: StopStates,
+    clock_m: float,
+    differences_m: FloatArray,
+    *,
+    by_elevation: bool,
 ) -> Equations:
-    """The part of one stop."""
-    parts = [
-        _pair_rows(states),
-        _elevation_rows(paths, states, clock_m, differences_m),
-        _sight_rows(paths, powers, states, clock_m, differences_m),
-    ]
+    """The part of one stop. Without `by_elevation` the elevations tell nothing of heights and clock.
+
+    An array that points a little too high is wrong about all of them: not so the heights that were surveyed.
+    """
+    parts = [_pair_rows(states), _sight_rows(paths, powers, states, clock_m, differences_m)]
+    if by_elevation:
+        parts.append(_elevation_rows(paths, states, clock_m, differences_m))
     information, slope = np.zeros((4, 4)), np.zeros(4)
     for jacobian, error, weight in parts:
         information += np.einsum("ria,rij,rjb->ab", jacobian, weight, jacobian)

@@ -116,10 +116,10 @@ def _candidates(paths: RangedPaths) -> tuple[IntArray, IntArray]:
     return one[near], two[near]
 
 
-def height_grid(tx_height_m: float | None) -> FloatArray:
-    """Candidates (candidate, 3) of the heights of TX, receiver and ceiling; that of the TX may be given."""
+def height_grid(tx_height_m: float | None, rx_height_m: float | None = None) -> FloatArray:
+    """Candidates (candidate, 3) of the heights of TX, receiver and ceiling; those of the devices may be given."""
     step = HEIGHT_STEP_M if tx_height_m is not None else COARSE_STEP_M
-    rx = np.arange(*RX_HEIGHTS_M, step)
+    rx = np.arange(*RX_HEIGHTS_M, step) if rx_height_m is None else np.array([rx_height_m])
     tx = np.arange(*TX_HEIGHTS_M, step) if tx_height_m is None else np.array([tx_height_m])
     ceiling = np.arange(*CEILINGS_M, step)
     grid = np.stack(np.meshgrid(tx, rx, ceiling, indexing="ij"), axis=-1).reshape(-1, 3)

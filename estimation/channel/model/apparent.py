@@ -44,16 +44,16 @@ def reported_angles(manifold: Manifold, angles_rad: FloatArray) -> tuple[FloatAr
     return cone[:, None], slopes[:, None, :n_given], gain[:, 0]
 
 
-def reported_covariance(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
-    """Covariance of delay, reported angles and turns from that of fitted ones; slopes (path, reported, fitted)."""
-    blocks = np.ones((len(covariance), 1, 1)), aod_slopes, aoa_slopes
-    n_turns = covariance.shape[1] - sum(block.shape[2] for block in blocks)
-    slopes = np.zeros((len(covariance), sum(block.shape[1] for block in blocks) + n_turns, covariance.shape[1]))
+def reported_slopes(aod_slopes: FloatArray, aoa_slopes: FloatArray, n_turns: int) -> FloatArray:
+    """Slopes (path, reported, fitted) of delay, angles and turns, from those of both directions."""
+    n = len(aod_slopes)
+    blocks = np.ones((n, 1, 1)), aod_slopes, aoa_slopes, np.broadcast_to(np.eye(n_turns), (n, n_turns, n_turns))
+    slopes = np.zeros((n, sum(block.shape[1] for block in blocks), sum(block.shape[2] for block in blocks)))
     row = column = 0
-    for block in (*blocks, np.broadcast_to(np.eye(n_turns), (len(covariance), n_turns, n_turns))):
+    for block in blocks:
         slopes[:, row : row + block.shape[1], column : column + block.shape[2]] = block
         row, column = row + block.shape[1], column + block.shape[2]
-    return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
+    return slopes
 
 
 def apparent_angles(

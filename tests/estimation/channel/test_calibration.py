@@ -8,7 +8,7 @@ import pytest
 from estimation.channel.calibration.dominant import dominant_paths
 from estimation.channel.calibration.ends import element_matrix, with_responses, without_gauge
 from estimation.channel.calibration.rank_one import calibrate_array
-from estimation.channel.calibration.record import calibration_rows
+from estimation.channel.calibration.record import spread_rows
 from estimation.channel.calibration.self_calibration import self_calibrate
 from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.model.manifold import Manifold
@@ -134,9 +134,9 @@ def test_a_few_stops_calibrate_both_arrays(bench: LinkBench) -> None:
 
 def test_calibration_takes_stops_from_the_whole_walk_each_once() -> None:
     settings = SelfCalibrationConfig(stops=4)
-    assert calibration_rows(10, settings).tolist() == [0, 3, 6, 9]
-    assert calibration_rows(3, settings).tolist() == [0, 1, 2]
-    assert calibration_rows(1, settings).tolist() == [0]
+    assert spread_rows(10, settings.stops).tolist() == [0, 3, 6, 9]
+    assert spread_rows(3, settings.stops).tolist() == [0, 1, 2]
+    assert spread_rows(1, settings.stops).tolist() == [0]
 
 
 def test_incoherent_phases_are_detected() -> None:
