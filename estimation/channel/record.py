@@ -56,6 +56,16 @@ class PathMotion(Record):
 
 
 @dataclass(frozen=True)
+class PathsInHall(Record):
+    """What the hall of a campaign tells of the paths of a stop: see `estimation.channel.hall`."""
+
+    class_probability: FloatArray = array("path", "class", doc="of the classes in the order of HallClass")
+    version_probability: FloatArray = array("path", "version", doc="of the versions, if the path is not weak")
+    tied_probability: FloatArray = array("path", doc="that other versions of its plan path are among the paths")
+    heights_m: FloatArray = array("height", unit="m", doc="of TX, receiver and ceiling above the floor, as read")
+
+
+@dataclass(frozen=True)
 class ChannelEstimate(Record):
     """Estimated paths of one stop, sorted by delay; zero paths are valid.
 
@@ -109,6 +119,7 @@ class ChannelEstimate(Record):
     motion: PathMotion | None = None  # absent where the sweep has no clock, or phases are not coherent
     correlated: CorrelatedPaths | None = None  # absent where the method does not tell
     pointing: PointingErrors | None = None  # absent where both arrays point as designed
+    hall: PathsInHall | None = None  # absent where no hall was read
 
     def __post_init__(self) -> None:
         n = len(self.delay_s)

@@ -124,6 +124,7 @@ def joined_paths(parts: Sequence[ChannelEstimate] | Mapping[int, ChannelEstimate
             tx=np.full(len(one), index),
             correlated=None,
             pointing=None,
+            hall=None,
             covariance=one.covariance[:, :size, :size] if len(one) else np.zeros((0, size, size)),
         )
         for index, one in zip(numbers, parts, strict=True)

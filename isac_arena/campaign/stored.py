@@ -14,6 +14,7 @@ from estimation.channel.hall.record import HallEstimates, no_hall
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.transmitters import joined_paths
 from isac_arena.campaign.campaign import link_stores
+from isac_arena.campaign.chain.halls import keeps_hall
 from isac_arena.campaign.directory import FAILED, CampaignStore
 from isac_arena.campaign.files import complete_file, read_attribute, remove_file
 from isac_arena.campaign.manifest import remedy
@@ -111,8 +112,8 @@ def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstima
 
 
 def _hall(store: CampaignStore) -> HallEstimates:
-    """The hall of a link; measured paths have none."""
-    if store.measured is not None:
+    """The hall of a link; measured paths have none, and neither have those of other methods."""
+    if store.measured is not None or not keeps_hall(store.config):
         return no_hall(np.zeros(0, int))
     return present(store, store.hall(), f"the hall (channel/hall{store.tx}.nc)", "estimate")
 

@@ -4,11 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel.hall.record import HallClass
 from estimation.slam.record import IncidencePoints
 from isac_arena.scoring.metrics.statistics import rows_of_groups
 from isac_arena.scoring.record import PathKind, PathScores
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray, TextArray
 from sim.propagation.paths import BounceKind, Paths, with_bounce_slots
+
+LEVEL_M = 1e-3  # between the rise of a path and that from the TX to the receiver
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,17 @@ def path_origin(paths: Paths) -> PathOrigin:
         vertex_m=np.where(single[:, None], paths.vertex_m[path, slot, :2], np.nan),
         height_m=np.where(single, paths.vertex_m[path, slot, 2], np.nan),
     )
+
+
+def path_class(paths: Paths, tx_height_m: float, rx_height_m: float) -> IntArray:
+    """Place (path,) in `HallClass` of true paths: diffuse ones are weak, others not level by floor or ceiling."""
+    length_m = SPEED_OF_LIGHT_M_S * paths.delay_s
+    rise_m = length_m * np.sin(paths.aod_elevation_rad), -length_m * np.sin(paths.aoa_elevation_rad)
+    is_level = np.all([np.abs(rise - (rx_height_m - tx_height_m)) < LEVEL_M for rise in rise_m], axis=0)
+    order = list(HallClass)
+    specular = np.where(is_level, order.index(HallClass.LEVEL), order.index(HallClass.FLOOR_OR_CEILING))
+    specular[path_origin(paths).kind == PathKind.LOS] = order.index(HallClass.LINE_OF_SIGHT)
+    return np.where(paths.is_diffuse, order.index(HallClass.WEAK), specular)
 
 
 def ip_paths(ips: IncidencePoints, paths: PathScores) -> IntArray:

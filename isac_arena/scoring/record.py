@@ -55,9 +55,12 @@ class PathScores(Record):
     power_error_db: FloatArray = array("estimate", unit="dB", doc="error of the power in the best beam pair")
     nees: FloatArray = array("estimate", doc="squared error over covariance, 3 degrees of freedom")
     tx: IntArray = optional_array("estimate", dtype=int, doc="index of the TX, among several of a campaign")
+    hall_class: IntArray = optional_array("estimate", dtype=int, doc="most probable HallClass, -1 unknown")
+    true_class: IntArray = optional_array("estimate", dtype=int, doc="true HallClass, -1 for a weak specular path")
 
     def __post_init__(self) -> None:
-        self._fill(tx=np.zeros(len(self.stop), int))
+        n = len(self.stop)
+        self._fill(tx=np.zeros(n, int), hall_class=np.full(n, -1), true_class=np.full(n, -1))
         super().__post_init__()
 
     @property
@@ -120,9 +123,12 @@ class StopScores(Record):
     missed: FloatArray = array("stop", doc="part of GOSPA from missed paths")
     false: FloatArray = array("stop", doc="part of GOSPA from false paths")
     tx: IntArray = optional_array("stop", dtype=int, doc="index of the TX, among several of a campaign")
+    rx_height_m: FloatArray = optional_array("stop", unit="m", doc="of the receiver as the hall was read, or NaN")
+    ceiling_m: FloatArray = optional_array("stop", unit="m", doc="height of the ceiling as read, or NaN")
 
     def __post_init__(self) -> None:
-        self._fill(tx=np.zeros(len(self.stop), int))
+        unknown = np.full(len(self.stop), np.nan)
+        self._fill(tx=np.zeros(len(self.stop), int), rx_height_m=unknown, ceiling_m=unknown)
         super().__post_init__()
 
 

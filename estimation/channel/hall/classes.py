@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from estimation.channel.hall.geometry import Version
 from estimation.channel.hall.pairs import VERSION_PAIRS, Agreement, agreement
 from estimation.channel.hall.paths import PlanPoints, RangedPaths, elevation_log_likelihood, plan_points
 from estimation.channel.hall.power import SIGHT_STD_DB, StopPowers
-from estimation.channel.hall.record import ClassPriors
+from estimation.channel.hall.record import ClassPriors, HallClass
 from scenes.record import FloatArray
 
 WEAK, SIGHT, FIRST = 0, 1, 2  # states; then the versions in their order
@@ -36,15 +35,6 @@ ADDED_LOSS_DB, ADDED_STD_DB = 9.0, 8.5  # of floor or ceiling, over 317 pairs of
 MOST_LOSS_RATIO = 4.0  # logarithm; powers of close paths are uncertain
 MERGED_M = 0.15  # versions closer in length are mostly estimated as one path
 MOST_GAIN = 60.0  # of the squared gain over free space, which is limited: powers of poor estimates are too large
-
-
-class HallClass(StrEnum):
-    """Class of a path; the axis `class` of arrays has this order."""
-
-    LINE_OF_SIGHT = "line of sight"
-    LEVEL = "level"
-    FLOOR_OR_CEILING = "floor or ceiling"
-    WEAK = "weak or diffuse"
 
 
 STATE_CLASS = np.array([3, 0, 1, 2, 2, 2, 2])  # class of each state

@@ -24,6 +24,7 @@ from estimation.channel.hall.search import (
     clock_grid,
     height_grid,
     height_log_prior,
+    likely_ceilings,
     log_votes,
     starting_clocks,
     starting_heights,
@@ -43,6 +44,7 @@ AMBIGUOUS = 10.0  # by how much the merit of another solution may be lower if it
 SAME_M = 0.03  # heights of one solution
 # Of a ceiling in log evidence: 45 to 370 at three stops of design rooms that show theirs, -7 to 25 of false ones.
 LEAST_CEILING = 35.0
+N_CEILINGS = 5  # tried once more at the clocks of the best solution
 
 
 @dataclass(frozen=True)
@@ -133,16 +135,24 @@ def read_hall(
     points.sort(key=lambda one: -merit(one[0]))
     settled = [_settled(stops, *one) for one in points[:N_BEST]]
     ranked = sorted(((merit(point), point) for point in settled), key=lambda one: -one[0])
-    best = ranked[0][1]
-    without = _without_ceiling(stops, best)
-    if best.evidence - without.evidence < LEAST_CEILING:
-        ranked[0] = merit(without), without
+    ranked[0] = _with_checked_ceiling(stops, *ranked[0])
     return _model(used, stops, ranked)
 
 
-def _without_ceiling(stops: _Stops, point: _Point) -> _Point:
-    """The point where no path is by way of a ceiling."""
-    heights_m = np.append(point.heights_m[:2], NO_CEILING_M)
+def _with_checked_ceiling(stops: _Stops, merit: float, point: _Point) -> tuple[float, _Point]:
+    """The best solution with the ceiling that explains most at its clocks, or without one where none shows."""
+    without = _at_ceiling(stops, point, NO_CEILING_M)
+    known = zip(stops.paths, without.clock_m, strict=True)
+    votes = [stop_votes(paths, np.array([clock_m])) for paths, clock_m in known]
+    tried = [_at_ceiling(stops, without, one) for one in likely_ceilings(votes, without.heights_m, N_CEILINGS)]
+    best = max([point, *tried], key=lambda one: one.evidence)
+    found = best if best.evidence - without.evidence > LEAST_CEILING else without
+    return merit + found.evidence - point.evidence, found
+
+
+def _at_ceiling(stops: _Stops, point: _Point, ceiling_m: float) -> _Point:
+    """The point after steps from another height of the ceiling."""
+    heights_m = np.append(point.heights_m[:2], ceiling_m)
     return _climbed(stops, _at(stops, heights_m, point.clock_m, point.priors), LAST_STEPS)
 
 
@@ -306,10 +316,11 @@ def _caveats(stops: _Stops, model: HallModel) -> tuple[str, ...]:
     if not model.sees_ceiling:
         found.append("no ceiling shows")
     level, floor, ceiling = np.abs(model.heights.differences_m[:3])
-    if abs(floor - ceiling) < 3 * float(np.max(model.height_std_m)) + 0.02:
+    std_m = float(np.max(model.height_std_m[:2] if not model.sees_ceiling else model.height_std_m))
+    if abs(floor - ceiling) < 3 * std_m + 0.02:
         found.append("floor and ceiling are as far from the devices: their versions coincide")
     sees = any(paths.sees_elevation.any() for paths in stops.paths)
-    if not sees and level < 3 * float(np.max(model.height_std_m)):
+    if not sees and level < 3 * std_m:
         found.append("devices at equal heights: no level path shows a height difference")
     if stops.given.tx_m is None:
         found.append("height of the TX unknown: another set of heights may have nearly the same versions")

@@ -1,12 +1,22 @@
 """What is known of a hall: its heights, what its paths are like, and its paths."""
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from estimation.channel.hall.geometry import NO_CEILING_M, Heights
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, PathsInHall
 from scenes.record import FloatArray, IntArray, Record, TextArray, array, empty_record
+
+
+class HallClass(StrEnum):
+    """Class of a path; the axis `class` of arrays has this order."""
+
+    LINE_OF_SIGHT = "line of sight"
+    LEVEL = "level"
+    FLOOR_OR_CEILING = "floor or ceiling"
+    WEAK = "weak or diffuse"
 
 
 @dataclass(frozen=True)
@@ -94,6 +104,9 @@ class HallEstimates(Record):
             aoa_elevation_rad=own.angle_rad[:, 3],
             covariance=own.covariance[:, :size, :size],
             correlated=None,
+            hall=PathsInHall(
+                own.class_probability, own.version_probability, own.tied_probability, self.model.heights_m
+            ),
         )
 
 

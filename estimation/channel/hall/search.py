@@ -31,6 +31,7 @@ LARGEST_DISTANCE = 16.0  # squared, of the angles of pairs that are considered
 LEAST_ODDS = 0.1
 HEIGHT_STEP_M, COARSE_STEP_M = 0.1, 0.2  # of the grid if the height of the TX is given, and if not
 RX_HEIGHTS_M, TX_HEIGHTS_M, CEILINGS_M = (0.2, 4.0), (0.5, 8.0), (2.0, 14.0)
+CEILING_STEP_M = 0.02  # of the ceilings where clocks are known
 LEAST_MARGIN_M = 0.05  # of the devices below the ceiling
 RX_MEDIAN_M, RX_LOG_STD = 1.3, 0.3
 APART_M = 0.3  # between starts
@@ -147,6 +148,16 @@ def starting_heights(votes: Sequence[Votes], clocks: ClockPrior, grid: FloatArra
         if len(starts) == N_STARTS:
             break
     return np.asarray(grid[starts])
+
+
+def likely_ceilings(votes: Sequence[Votes], heights_m: FloatArray, n_ceilings: int) -> FloatArray:
+    """Ceilings (ceiling,) with most votes, where clocks and the heights of the devices, of (3,), are known."""
+    ceiling = np.arange(heights_m[:2].max() + LEAST_MARGIN_M, CEILINGS_M[1], CEILING_STEP_M)
+    grid = np.stack(np.broadcast_arrays(*heights_m[:2], ceiling), axis=1)
+    score = _score(votes, len(votes) * [np.zeros(1)], _gaps(grid))
+    around = np.pad(score, 1, constant_values=-np.inf)
+    peaks = np.flatnonzero((score >= around[:-2]) & (score >= around[2:]))
+    return np.asarray(ceiling[peaks[np.argsort(-score[peaks], kind="stable")[:n_ceilings]]])
 
 
 def _gaps(heights: FloatArray) -> FloatArray:

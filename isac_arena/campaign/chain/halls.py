@@ -11,6 +11,7 @@ from estimation.channel.calibration.record import spread_rows
 from estimation.channel.hall.record import HallEstimates, no_hall
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.transmitters import joined_paths
+from isac_arena.campaign.config import CampaignConfig
 from sim.config import LinkKind
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def in_halls(run: CampaignRun, reported: Sequence[Sequence[ChannelEstimate]]) ->
 
 def make_halls(run: CampaignRun, *, again: bool) -> None:
     """Keep the hall of every link whose stops all have kept estimates; `again` where there is one already."""
-    for link in run.links:
+    for link in filter(lambda one: keeps_hall(one.config), run.links):
         if again or link.results.hall() is None:
             kept = [link.results.estimate(stop) for stop in link.chosen_stops]
             reported = [estimate.reported for estimate in kept if estimate is not None]
@@ -42,6 +43,8 @@ def make_halls(run: CampaignRun, *, again: bool) -> None:
 def kept_hall(run: CampaignRun, reported: Sequence[ChannelEstimate]) -> HallEstimates:
     """The hall of a link and its paths, kept by its run or made from the reported paths of all its stops."""
     stops = np.array([estimate.stop for estimate in reported], int)
+    if not keeps_hall(run.config):
+        return no_hall(stops)
     kept: HallEstimates | None = run.results.hall()
     if kept is None or not np.array_equal(kept.stops, stops):
         kept = found_hall(run, reported)
@@ -56,15 +59,16 @@ def found_hall(run: CampaignRun, reported: Sequence[ChannelEstimate]) -> HallEst
     return no_hall(np.array([estimate.stop for estimate in reported], int))
 
 
-def has_hall(run: CampaignRun) -> bool:
-    """Whether the paths of a link are read as those of a hall.
+def keeps_hall(config: CampaignConfig) -> bool:
+    """Whether a campaign keeps what it found of halls: with a maximum-likelihood method of ours."""
+    channel = config.channel
+    return channel.hall.use and channel.method != "power" and config.functions.of("channel") is None
 
-    By a maximum-likelihood method of ours, from a fixed TX to a receiver that has one height at all stops.
-    """
-    channel = run.config.channel
-    is_ours = channel.method != "power" and run.config.functions.of("channel") is None
+
+def has_hall(run: CampaignRun) -> bool:
+    """Whether the paths of a link are read as those of a hall: of a fixed TX, to a receiver at one height."""
     is_standing = run.scene.tx_name not in run.scene.tx_motions
-    if not (channel.hall.use and is_ours and is_standing and run.config.role.kind == LinkKind.DOWNLINK):
+    if not (keeps_hall(run.config) and is_standing and run.config.role.kind == LinkKind.DOWNLINK):
         return False
     height_m = run.scene.walk.positions_m()[list(run.chosen_stops), 2]
     return bool(np.ptp(height_m) < SAME_HEIGHT_M)

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from estimation.channel.hall.geometry import NO_CEILING_M
+from estimation.channel.hall.record import HallClass
 from estimation.channel.record import MIN_PARAMETERS, AngleKind, ChannelEstimate, EstimateStatus
 from isac_arena.scoring.association import (
     GatedPaths,
@@ -19,6 +21,7 @@ from isac_arena.scoring.causes import WEAK_MARGIN_DB, Evidence, false_causes, mi
 from isac_arena.scoring.config import DEFAULT_GATE, Gate
 from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.scoring.provenance import path_class
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
 from isac_arena.scoring.stop_bounds import Kinds, kinds_of
 from isac_arena.scoring.true_stop import TrueStop, seen_by, significant_alone
@@ -61,7 +64,7 @@ def score_stop(
     return (
         _path_scores(seen, estimate, true_path, evidence),
         _significant_scores(stop, seen, kinds_of(estimate), evidence),
-        _stop_scores(stop, measured.take(status != PathStatus.WEAK), expected),
+        replace(_stop_scores(stop, measured.take(status != PathStatus.WEAK), expected), **_read_heights(estimate)),
     )
 
 
@@ -184,7 +187,29 @@ def _path_scores(stop: TrueStop, estimate: ChannelEstimate, true_path: IntArray,
         **reported_angles(estimate),
         power_error_db=power_error_db,
         nees=squared_mahalanobis(error, estimate.plane_covariance),
+        **_classes(stop, estimate, status, true_path),
     )
+
+
+def _classes(stop: TrueStop, estimate: ChannelEstimate, status: IntArray, true_path: IntArray) -> dict[str, Any]:
+    """The columns of `PathScores` with the classes of paths in a hall, as estimated and as they are.
+
+    A path that nothing or a diffuse path explains is weak; a weak specular one may be told either way.
+    """
+    if estimate.hall is None:
+        return {}
+    paths, weak = stop.truth.paths, list(HallClass).index(HallClass.WEAK)
+    by_path = np.append(path_class(paths, stop.tx_pose.position_m[2], stop.truth.rx_pose.position_m[2]), weak)
+    true_class = by_path[true_path]
+    true_class[(status != PathStatus.DETECTED) & (true_class != weak)] = -1
+    return {"hall_class": estimate.hall.class_probability.argmax(axis=1), "true_class": true_class}
+
+
+def _read_heights(estimate: ChannelEstimate) -> dict[str, Any]:
+    """The columns of `StopScores` with the heights of a hall that shows its ceiling."""
+    if estimate.hall is None or estimate.hall.heights_m[2] >= NO_CEILING_M:
+        return {}
+    return dict(zip(("rx_height_m", "ceiling_m"), estimate.hall.heights_m[1:, None], strict=True))
 
 
 def reported_angles(estimate: ChannelEstimate) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 import numpy as np
 
+from estimation.channel.hall.record import HallClass
 from isac_arena.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause
 from isac_arena.scoring.metrics.consistency import consistency_metrics
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import finite_entries, maximum, mean, quantile, ratio, rms
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
 from scenes.record import BoolArray, IntArray
+
+CLASS_KEYS = {name: name.name.lower() for name in HallClass}
 
 
 def los_decision_is_right(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> BoolArray:
@@ -37,6 +40,23 @@ def channel_metrics(sets: StopScores, paths: PathScores, significant: Significan
         *_bound_metrics(paths, significant),
         *consistency_metrics("channel", paths.nees, 3),
         Metric("channel.los.decision_accuracy", los_is_right, "1", "higher"),
+        *_class_metrics(paths),
+    ]
+
+
+def class_right(paths: PathScores, name: HallClass) -> BoolArray:
+    """Whether the class of each path (path,) that is of this class was told."""
+    of_it = (paths.true_class == list(HallClass).index(name)) & (paths.hall_class >= 0)
+    return np.asarray((paths.hall_class == paths.true_class)[of_it])
+
+
+def _class_metrics(paths: PathScores) -> list[Metric]:
+    """Shares of the paths of each class of a hall that were told as such; none where no hall was read."""
+    if (paths.hall_class < 0).all():
+        return []
+    return [
+        Metric(f"channel.class_right.{key}", mean(class_right(paths, name)), "1", "higher")
+        for name, key in CLASS_KEYS.items()
     ]
 
 

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from estimation.channel.hall.record import HallClass
+from isac_arena.scoring.metrics.statistics import mean, quantile
 from isac_arena.scoring.record import PathKind
+from isac_arena.scoring.stages.channel_metrics import CLASS_KEYS, class_right
 from isac_arena.validation.halls.run import HallResult, run_halls
-from isac_arena.validation.halls.statistics import PARAMETERS, HallPaths, hall_paths, pooled
+from isac_arena.validation.halls.statistics import PARAMETERS, HallPaths, hall_paths, height_error_m, pooled
 from isac_arena.validation.halls.tables import group_table, room_table
 from isac_arena.validation.measurement import Measured, Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import band_rows, fewest_by_chance, most_by_chance, quick_bar
@@ -24,6 +27,10 @@ COVERAGE, WORST_COVERAGE = (0.93, 0.97), 0.88
 NEES, WORST_NEES = (0.85, 1.2), 2.0
 ERROR_OVER_BOUND = 1.3
 STD_OVER_ERROR = (0.8, 1.3)
+CLASS_RIGHT = {
+    HallClass.LINE_OF_SIGHT: 0.98, HallClass.LEVEL: 0.95, HallClass.FLOOR_OR_CEILING: 0.9, HallClass.WEAK: 0.9,
+}  # fmt: skip
+HEIGHTS_M = ("horizontal", (1,), 0.1), ("three_elevations", (3, 4), 0.02)  # elevations of the beams of a room
 KINDS = {"los": PathKind.LOS, "single_bounce": PathKind.SINGLE_BOUNCE}
 
 
@@ -64,7 +71,28 @@ def hall_rows(results: Sequence[HallResult], quick: bool) -> list[Measurement]:
         *_nees_rows(every, rooms, quick),
         *_bound_rows(every, quick),
         *_calibration_rows(every, quick),
+        *([] if quick else [*_class_rows(results), *_height_rows(results)]),
     ]
+
+
+def _class_rows(results: Sequence[HallResult]) -> list[Measurement]:
+    """Share of the paths of each class that were told as such."""
+    rows = []
+    for name, bar in CLASS_RIGHT.items():
+        right = np.concatenate([class_right(one.tables.paths, name) for one in results])
+        rows.append(at_least(f"halls.class_right.{CLASS_KEYS[name]}", mean(right), bar, f"of {len(right)} paths"))
+    return rows
+
+
+def _height_rows(results: Sequence[HallResult]) -> list[Measurement]:
+    """Median over rooms of the larger error of receiver and ceiling; a ceiling that does not show is unknown."""
+    rows = []
+    for name, elevations, bar in HEIGHTS_M:
+        error_m = [height_error_m(one) for one in results if one.hall.n_elevations in elevations]
+        n_shown = int(np.isfinite(error_m).sum())
+        value, reason = quantile(np.array(error_m), 0.5), f"{n_shown} of {len(error_m)} rooms show their ceiling"
+        rows.append(at_most(f"halls.height_error.{name}", value, bar, reason, "m"))
+    return rows
 
 
 def _detection(heights: str, results: Sequence[HallResult], quick: bool) -> Measurement:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -124,6 +125,13 @@ def hall_paths(result: HallResult) -> HallPaths:
         nees=paths.nees,
         is_efficient=(true.share_of_cell <= DEFAULT_SEPARABILITY.share_of_cell) & (not result.hall.has_hardware),
     )
+
+
+def height_error_m(result: HallResult) -> float:
+    """The larger error of the heights of receiver and ceiling as a room was read; infinite if it was not."""
+    scene, stops = tomllib.loads(result.hall.scene_text), result.tables.stops
+    errors = stops.rx_height_m - scene["walk"]["height_m"], stops.ceiling_m - scene["ceiling"]["z_m"]
+    return float(np.nan_to_num(np.abs(errors), nan=np.inf).max(initial=0.0))
 
 
 def pooled(parts: Sequence[HallPaths]) -> HallPaths:

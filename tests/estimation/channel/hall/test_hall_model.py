@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimation.channel.hall.classes import HallClass
-from estimation.channel.hall.classify import ClassifiedPaths, classify
 from estimation.channel.hall.geometry import Heights
-from estimation.channel.hall.model import HallModel, read_hall
+from estimation.channel.hall.model import GivenHeights, read_hall
+from estimation.channel.hall.record import HallClass, HallModel
+from estimation.channel.hall.stop import ClassifiedPaths, in_hall, located
 from estimation.channel.record import EstimateStatus, empty_estimate
 from scenes.pose import wrap_angle
 from tests.estimation.channel.hall.hall_estimates import WEAK, TrueHall, hall_link, synthetic_hall
@@ -29,9 +29,9 @@ def read(
 def _read(heights: Heights, seed: int, sees_elevation: bool) -> tuple[TrueHall, HallModel, list[ClassifiedPaths]]:
     link = hall_link(sees_elevation=sees_elevation)
     truth = synthetic_hall(np.random.default_rng(seed), heights, link)
-    hall = read_hall(truth.estimates, link, tx_height_m=heights.tx_m)
+    hall = read_hall(truth.estimates, link, GivenHeights(tx_m=heights.tx_m))
     assert hall is not None
-    return truth, hall, classify(truth.estimates, hall, link)
+    return truth, hall, [in_hall(estimate, hall, link)[1] for estimate in truth.estimates]
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -92,11 +92,12 @@ def test_probabilities_are_probabilities_with_at_most_one_line_of_sight() -> Non
 def test_a_common_delay_changes_the_clocks_alone() -> None:
     truth, hall, found = read(UNEQUAL, 1)
     late = [replace(estimate, delay_s=estimate.delay_s + 2e-8) for estimate in truth.estimates]
-    again = read_hall(late, truth.link, tx_height_m=UNEQUAL.tx_m)
+    again = read_hall(late, truth.link, GivenHeights(tx_m=UNEQUAL.tx_m))
     assert again is not None
     np.testing.assert_allclose(again.heights.vector, hall.heights.vector, atol=1e-4)
     np.testing.assert_allclose(again.clock_m - hall.clock_m, 2e-8 * 299_792_458.0, atol=1e-3)
-    for one, two in zip(found, classify(late, again, truth.link), strict=True):
+    for one, estimate in zip(found, late, strict=True):
+        two = in_hall(estimate, again, truth.link)[1]
         np.testing.assert_allclose(one.class_probability, two.class_probability, atol=1e-2)
 
 
@@ -110,10 +111,42 @@ def test_nothing_is_read_from_estimates_without_paths() -> None:
     assert read_hall([none], hall_link(sees_elevation=False)) is None
 
 
-def test_a_stop_without_paths_has_no_classes_and_an_unknown_stop_is_refused() -> None:
+def test_a_stop_without_paths_has_no_classes() -> None:
     truth, hall, _ = read(UNEQUAL, 0)
     none = empty_estimate(99, "coherent", EstimateStatus.NO_PATHS, "")
-    assert len(classify([none], hall, truth.link)[0]) == 0
-    other = replace(truth.estimates[0], stop=99)
-    with pytest.raises(ValueError, match="stop 99"):
-        classify([other], hall, truth.link)
+    assert len(in_hall(none, hall, truth.link)[1]) == 0
+
+
+def test_a_stop_that_was_not_read_finds_its_clock() -> None:
+    link = hall_link(sees_elevation=False)
+    truth = synthetic_hall(np.random.default_rng(4), UNEQUAL, link, n_stops=5)
+    hall = read_hall(truth.estimates[:4], link, GivenHeights(UNEQUAL.tx_m, UNEQUAL.rx_m, 0.01))
+    assert hall is not None
+    stop = located(truth.estimates[4], hall, link)
+    assert abs(stop.clock_m - truth.clock_m[4]) < 4 * np.sqrt(stop.shared_m2[3, 3])
+    assert stop.is_certain
+
+
+def test_surveyed_heights_are_kept_within_their_errors() -> None:
+    link = hall_link(sees_elevation=False)
+    truth = synthetic_hall(np.random.default_rng(5), UNEQUAL, link)
+    hall = read_hall(truth.estimates, link, GivenHeights(UNEQUAL.tx_m + 0.02, UNEQUAL.rx_m - 0.01, 0.02))
+    assert hall is not None
+    error = hall.heights_m - UNEQUAL.vector
+    assert error @ np.linalg.solve(hall.covariance_m2, error) / 3 < 3.8  # chance of 1 %
+    assert (hall.height_std_m[:2] <= 0.02).all()
+
+
+def test_a_ceiling_without_paths_is_not_made_up() -> None:
+    link = hall_link(sees_elevation=False)
+    truth = synthetic_hall(np.random.default_rng(6), UNEQUAL, link)
+    open_air = [
+        estimate.take("path", (version == WEAK) | (version < 2))
+        for estimate, version in zip(truth.estimates, truth.version, strict=True)
+    ]
+    hall = read_hall(open_air, link, GivenHeights(UNEQUAL.tx_m, UNEQUAL.rx_m, 0.02))
+    assert hall is not None
+    assert not hall.sees_ceiling
+    assert "no ceiling shows" in hall.caveats
+    tied, _ = in_hall(open_air[0], hall, link)
+    np.testing.assert_array_equal(tied.delay_s, open_air[0].delay_s)
