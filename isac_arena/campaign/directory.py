@@ -5,7 +5,7 @@
     truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
     channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes, contours
     truth/stops_000-255.zip, channel/...                the same files of many stops: `shards.py`
-    channel/calibration.nc  arrays as self-calibrated, or as designed
+    channel/calibration.nc  arrays as self-calibrated   channel/hall.nc  heights, classes, versions tied
     scores.json, provenance.nc, report.html, figures/
 
 A measured campaign holds surveyed poses and labels in place of true paths. It has either sweeps, cut from
@@ -120,8 +120,7 @@ class CampaignStore:
         if not self.has_samples:
             return self.truth_fingerprint
         estimator = functions_digest(self.config.functions, "channel") or [self.config.channel.model_dump_json()]
-        parts = ("channel", "inference", "laws", "execution.py")
-        code = code_digest(*(f"estimation/{part}" for part in parts))
+        code = code_digest(*(f"estimation/{part}" for part in ("channel", "inference", "laws", "execution.py")))
         return digest(self.truth_fingerprint, *estimator, code)
 
     @cached_property
@@ -155,8 +154,7 @@ class CampaignStore:
                 )
             if held.config.functions != self.config.functions and self.side is None:
                 self.drop_results()
-        campaign = self.config.model_dump(mode="json")
-        settings = {"measured": self.measured, "campaign": campaign}
+        settings = {"measured": self.measured, "campaign": self.config.model_dump(mode="json")}
         for name, content in self.scene_files.items():
             write_bytes(self.root / path_in(Path(), name), content)
         write_text(self.root / "scene.toml", self.scene_text)
@@ -209,8 +207,7 @@ class CampaignStore:
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The paths of a stop alone, or None where there are none yet."""
-        stored = self.channel(stop)
-        return None if stored is None else stored.channel
+        return None if (stored := self.channel(stop)) is None else stored.channel
 
     def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
         """Store the channel estimate of a stop with the beam power map of its sweep; drops scores made before."""
@@ -266,15 +263,15 @@ class CampaignStore:
 
     def _difference(self, held: CampaignStore) -> str | None:
         """The first difference to the stored campaign, the user's functions excepted; None for none."""
-        there, here = (store.config.model_dump(mode="json", exclude={"functions"}) for store in (held, self))
-        if found := first_difference(there, here):
+        both = (store.config.model_dump(mode="json", exclude={"functions"}) for store in (held, self))
+        if found := first_difference(*both):
             return found
         if held.measured != self.measured:
             return f"{held.measured or 'simulated'} there, {self.measured or 'simulated'} here"
         if held.scene_text != self.scene_text:
             return f"scene.toml{line_difference(held.scene_text, self.scene_text)}"
-        names = sorted({*held.scene_files, *self.scene_files})
-        changed = [name for name in names if held.scene_files.get(name) != self.scene_files.get(name)]
+        names = {*held.scene_files, *self.scene_files}
+        changed = sorted(name for name in names if held.scene_files.get(name) != self.scene_files.get(name))
         return f"{changed[0]} differs" if changed else None
 
     def stop_file(self, kind: str, stop: int) -> str:
@@ -348,7 +345,5 @@ def open_campaign(directory: Path) -> CampaignStore:
         return CampaignStore(directory, config, text, content.get("measured"), files)
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(
-            f"{settings}: damaged, or of another version ({reason}); put it back as it was, or run the campaign "
-            "in a new directory"
-        ) from error
+        remedy = "put it back as it was, or run the campaign in a new directory"
+        raise ValueError(f"{settings}: damaged, or of another version ({reason}); {remedy}") from error

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.calibration.record import Calibration
 from estimation.channel.hall.record import HallEstimates
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, EstimateStatus
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.tracks.record import Tracks
@@ -57,6 +57,12 @@ class CampaignResults:
     power_maps: tuple[BeamPowerMap, ...]
     mapping: MapResult
     slam: MapResult
+
+    @property
+    def failures(self) -> list[str]:
+        """How functions of a user failed, one by one."""
+        at_stops = [one.reason for one in self.channel if one.status == EstimateStatus.FAILED]
+        return [*at_stops, *filter(None, (self.mapping.problem, self.slam.problem))]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any
 
 from rich.console import Console
 
-from estimation.channel.record import EstimateStatus
 from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
 from isac_arena.campaign.chain.halls import make_halls
 from isac_arena.campaign.chain.inputs import known_receiver
@@ -310,7 +309,7 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
         scores = Scores(metrics(scene, tables), tables)
         txs = link_nodes(store.config, scene)
         figures = make_figures(scene, results, scores, txs=txs)
-        facts = run_facts(store.config, scene, store.measured, _failures(results))
+        facts = run_facts(store.config, scene, store.measured, results.failures)
         if len(txs) > 1:
             facts |= {f"TX {one.name}": one.text for one in tx_shares(list(txs), results.mapping, tables)}
         plan = plan or (run_plan(store) if store.measured is None else None)
@@ -320,12 +319,6 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")
-
-
-def _failures(results: CampaignResults) -> list[str]:
-    """Where functions of a user failed in stored results."""
-    at_stops = [one.reason for one in results.channel if one.status == EstimateStatus.FAILED]
-    return [*at_stops, *filter(None, (results.mapping.problem, results.slam.problem))]
 
 
 def _page_payload(

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel.coherent.hidden import LEAST_SEEN
-from estimation.channel.coherent.misfit import error_scale, quadrature_statistic, weak_field
+from estimation.channel.coherent.misfit import PathErrors, error_scale, quadrature_statistic, weak_field
 from estimation.channel.coherent.moving import shift_covariance
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.pair_errors import PairErrors
-from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit, reported_delay_bins
+from estimation.channel.coherent.paths import compress_stop, find_paths, path_fit, reported_delay_bins
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution, joint_covariance, response_powers

@@ -8,6 +8,8 @@ value in noise, measures the squared error over the bound. In noise it is chi-sq
 per parameter. These are few; so all paths of a stop together say how large errors are (empirical Bayes).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from estimation.channel.coherent.refine import Reference, Solution
@@ -23,6 +25,34 @@ NOISE_STD = 5.0  # deviation of a smoothed bin's power up to which it counts as 
 KEPT_SHARE = 0.95  # of the directions, from the weakest up, that the background is estimated from
 OWN_BINS, FIELD_BINS = 2, 12  # to either side of a path: filled by itself, and where a field shows
 FREEDOM = 2 + np.geomspace(0.5, 200, 20)  # trial degrees of freedom: few where scales differ much
+
+
+@dataclass(frozen=True)
+class PathErrors:
+    """What is known of the errors of a solution.
+
+    Attributes
+    ----------
+    by_noise : (path, parameter, path, parameter) of delays in bins and angles in rad by the nominal noise
+    scale : (path,) of that noise
+    beside : (path, parameter, parameter) covariance by everything else
+    unresolved_probability : (path,) that a path stands for two within half a resolution cell
+    is_redundant : (path,) that the others explain the path but for errors of the model
+    """
+
+    by_noise: FloatArray
+    scale: FloatArray
+    beside: FloatArray
+    unresolved_probability: FloatArray
+    is_redundant: BoolArray
+
+    @property
+    def joint(self) -> FloatArray:
+        """Covariance (path, parameter, path, parameter) of delays in bins and angles in rad."""
+        root, every = np.sqrt(self.scale), np.arange(len(self.scale))
+        joint = root[:, None, None, None] * root[:, None] * self.by_noise
+        joint[every, :, every] += self.beside
+        return np.asarray(joint)
 
 
 def background_over_delay(residual: ComplexArray) -> FloatArray:

@@ -14,7 +14,7 @@ from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.hidden import hidden_second_paths
 from estimation.channel.coherent.maxima import HigherMaximum
-from estimation.channel.coherent.misfit import background_over_delay
+from estimation.channel.coherent.misfit import PathErrors, background_over_delay
 from estimation.channel.coherent.moving import at_likeliest_turns, finer_turns, freeze_still_paths
 from estimation.channel.coherent.pair_errors import LitPairs, PairErrors
 from estimation.channel.coherent.plan import (
@@ -46,7 +46,7 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, residual
 from estimation.channel.model.turns import sweep_turns
 from scenes.pose import wrap_angle
-from scenes.record import BoolArray, FloatArray
+from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
 MAX_ROUNDS = 60
@@ -95,34 +95,6 @@ class PreparedStop:
     config: MaximumLikelihoodConfig
     tx: Manifold
     rx: Manifold
-
-
-@dataclass(frozen=True)
-class PathErrors:
-    """What is known of the errors of a solution.
-
-    Attributes
-    ----------
-    by_noise : (path, parameter, path, parameter) of delays in bins and angles in rad by the nominal noise
-    scale : (path,) of that noise
-    beside : (path, parameter, parameter) covariance by everything else
-    unresolved_probability : (path,) that a path stands for two within half a resolution cell
-    is_redundant : (path,) that the others explain the path but for errors of the model
-    """
-
-    by_noise: FloatArray
-    scale: FloatArray
-    beside: FloatArray
-    unresolved_probability: FloatArray
-    is_redundant: BoolArray
-
-    @property
-    def joint(self) -> FloatArray:
-        """Covariance (path, parameter, path, parameter) of delays in bins and angles in rad."""
-        root, every = np.sqrt(self.scale), np.arange(len(self.scale))
-        joint = root[:, None, None, None] * root[:, None] * self.by_noise
-        joint[every, :, every] += self.beside
-        return np.asarray(joint)
 
 
 def compress_stop(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.channel.hall.model import GivenHeights, HallLink, read_hall
-from estimation.channel.hall.record import HallEstimates, HallPaths, no_hall
+from estimation.channel.hall.record import HallEstimates, ReadPaths, no_hall
 from estimation.channel.hall.stop import ClassifiedPaths, in_hall
 from estimation.channel.record import ChannelEstimate
 from estimation.steps import STEPS
@@ -27,7 +27,7 @@ def hall_estimates(
     return HallEstimates(concatenate(parts, "path"), stops, model)
 
 
-def _stop_paths(estimate: ChannelEstimate, classes: ClassifiedPaths) -> HallPaths:
+def _stop_paths(estimate: ChannelEstimate, classes: ClassifiedPaths) -> ReadPaths:
     order = np.argsort(estimate.delay_s, kind="stable")
     n, size = len(estimate), estimate.size("parameter")
     covariance = np.full((n, N_ALL, N_ALL), np.nan)
@@ -38,7 +38,7 @@ def _stop_paths(estimate: ChannelEstimate, classes: ClassifiedPaths) -> HallPath
         estimate.aod_elevation_rad,
         estimate.aoa_elevation_rad,
     )
-    paths = HallPaths(
+    paths = ReadPaths(
         stop=np.full(n, estimate.stop),
         row=np.arange(n),
         delay_s=estimate.delay_s,

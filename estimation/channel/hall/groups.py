@@ -133,7 +133,7 @@ class Groups:
         return np.asarray(joint.transpose(0, 2, 1, 3).reshape(5 * len(members), -1))
 
 
-class _Point(NamedTuple):
+class _GroupFit(NamedTuple):
     """Plan path, heights and clock by least squares."""
 
     value: FloatArray
@@ -142,12 +142,12 @@ class _Point(NamedTuple):
     log_density: float  # of what was observed, over all plan paths, without the part of the distance
 
 
-def _least_squares(noise: FloatArray, slopes: FloatArray, error: FloatArray, prior: FloatArray) -> _Point:
+def _least_squares(noise: FloatArray, slopes: FloatArray, error: FloatArray, prior: FloatArray) -> _GroupFit:
     """The errors of observations explained, with a `prior` information on heights and clock."""
     try:
         root = np.linalg.cholesky(noise)
     except np.linalg.LinAlgError:  # correlations that cannot be: the group is none
-        return _Point(np.zeros(len(prior)), np.eye(len(prior)), np.inf, 0.0)
+        return _GroupFit(np.zeros(len(prior)), np.eye(len(prior)), np.inf, 0.0)
     slope, rest = np.linalg.solve(root, slopes), np.linalg.solve(root, error)
     information, shared = slope.T @ slope + prior, prior[3:, 3:]
     covariance = np.linalg.inv(information)
@@ -155,7 +155,7 @@ def _least_squares(noise: FloatArray, slopes: FloatArray, error: FloatArray, pri
     left = rest - slope @ value
     log_volume = np.log(np.diagonal(root)).sum() + 0.5 * np.linalg.slogdet(information)[1]
     log_volume += 0.5 * ((len(error) - 3) * np.log(2 * np.pi) - np.linalg.slogdet(shared)[1])
-    return _Point(
+    return _GroupFit(
         np.asarray(value), np.asarray(covariance), float(left @ left + value @ prior @ value), float(-log_volume)
     )
 

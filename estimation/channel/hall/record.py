@@ -66,7 +66,7 @@ class HallModel(Record):
 
 
 @dataclass(frozen=True)
-class HallPaths(Record):
+class ReadPaths(Record):
     """The paths of a campaign in its hall, one stop after the other, sorted by delay at each."""
 
     stop: IntArray = array("path", dtype=int, doc="index of the receiver stop")
@@ -85,7 +85,7 @@ class HallPaths(Record):
 class HallEstimates(Record):
     """The hall of a campaign and its paths. Without a `model` nothing is known of a hall, and no path is there."""
 
-    paths: HallPaths
+    paths: ReadPaths
     stops: IntArray = array("stop", dtype=int, doc="indices of the stops, in order")
     model: HallModel | None = None
 
@@ -112,4 +112,4 @@ class HallEstimates(Record):
 
 def no_hall(stops: IntArray) -> HallEstimates:
     """Of a campaign without a hall, or none that is read."""
-    return HallEstimates(empty_record(HallPaths), stops)
+    return HallEstimates(empty_record(ReadPaths), stops)
