@@ -90,9 +90,9 @@ class Groups:
             np.concatenate(part) for part in zip(*(self._rows(group[0], *one) for one in group), strict=True)
         )
         slopes, noise = np.concatenate([by_plan, by_shared], axis=1), self._noise(members)
-        point = _least_squares(noise[np.ix_(observed, observed)], slopes[observed], error[observed], self.prior)
-        core, tail = core_and_tail(np.asarray(point.distance), int(observed.sum()) - 3)
-        log_weight = point.log_density + np.log(max(float(core + tail), TINY))
+        fit = _least_squares(noise[np.ix_(observed, observed)], slopes[observed], error[observed], self.prior)
+        core, tail = core_and_tail(np.asarray(fit.distance), int(observed.sum()) - 3)
+        log_weight = fit.log_density + np.log(max(float(core + tail), TINY))
         n_outliers = self.paths.sees_elevation[members].sum() + 3 * len(group) - observed.sum()
         log_weight += n_outliers * np.log(ELEVATION_OUTLIER_DENSITY)
         if len(group) > 1:
@@ -101,9 +101,9 @@ class Groups:
             log_weight -= (len(group) - 1) * chance
         log_weight += sum(self.log_version[one] for one in group)
         spread = (core + TAIL_SPREAD**2 * tail) / max(float(core + tail), TINY)
-        has = (spread * slopes @ point.covariance @ slopes.T).reshape(len(group), 5, len(group), 5)
-        covariance = np.einsum("papb->pab", has) + self.paths.pointing[members]
-        return Solved(float(log_weight), (slopes @ point.value - error).reshape(-1, 5), covariance)
+        has = (spread * slopes @ fit.covariance @ slopes.T).reshape(len(group), 5, len(group), 5)
+        shift = (slopes @ fit.value - error).reshape(-1, 5)
+        return Solved(float(log_weight), shift, np.einsum("papb->pab", has))
 
     def _rows(
         self, first: tuple[int, int], path: int, version: int
@@ -126,10 +126,9 @@ class Groups:
         return np.append([True] * 3, self.paths.sees_elevation[path] & near), error, by_plan, by_shared
 
     def _noise(self, members: list[int]) -> FloatArray:
-        """Covariance of all parameters of some paths, without what all paths have in common."""
+        """Joint covariance of all parameters of some paths."""
         joint = self.paths.cross[np.ix_(members, members)].copy()
-        own = self.paths.covariance[members] - self.paths.pointing[members]
-        joint[np.arange(len(members)), np.arange(len(members))] = own
+        joint[np.arange(len(members)), np.arange(len(members))] = self.paths.covariance[members]
         return np.asarray(joint.transpose(0, 2, 1, 3).reshape(5 * len(members), -1))
 
 

@@ -29,7 +29,6 @@ class RangedPaths:
     is_cone : (end,) whether azimuths are cone angles about the boresight
     covariance : (path, 5, 5) of range in m, both azimuths, both elevations; unknown elevations have wide ones
     cross : (path, path, 5, 5) covariance between paths that are not resolved from each other, else 0
-    pointing : (path, 5, 5) part of the covariance that all paths have in common
     """
 
     range_m: FloatArray
@@ -39,7 +38,6 @@ class RangedPaths:
     is_cone: BoolArray
     covariance: FloatArray
     cross: FloatArray
-    pointing: FloatArray
 
     def __len__(self) -> int:
         return len(self.range_m)
@@ -64,7 +62,6 @@ class RangedPaths:
             is_cone=self.is_cone,
             covariance=self.covariance[index],
             cross=self.cross[index][:, index],
-            pointing=self.pointing[index],
         )
 
 
@@ -93,7 +90,6 @@ def stop_paths(estimate: ChannelEstimate, tx: Codebook, rx: Codebook) -> RangedP
         is_cone=np.array([kind == AngleKind.CONE for kind in (estimate.aod_angle_kind, estimate.aoa_angle_kind)]),
         covariance=covariance,
         cross=_cross(estimate, unit),
-        pointing=_pointing(estimate, unit),
     )
 
 
@@ -104,14 +100,6 @@ def _cross(estimate: ChannelEstimate, unit: FloatArray) -> FloatArray:
         size = known.shape[2]
         cross[:, :, :size, :size] = known * unit[:size, None] * unit[:size]
     return cross
-
-
-def _pointing(estimate: ChannelEstimate, unit: FloatArray) -> FloatArray:
-    pointing = np.zeros((len(estimate), 5, 5))
-    if estimate.pointing is not None:
-        size = estimate.size("parameter")
-        pointing[:, :size, :size] = np.nan_to_num(estimate.pointing.covariance) * unit[:size, None] * unit[:size]
-    return pointing
 
 
 @dataclass(frozen=True)

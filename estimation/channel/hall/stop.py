@@ -71,12 +71,14 @@ def in_hall(estimate: ChannelEstimate, hall: HallModel, link: HallLink) -> tuple
 
     Delays, angles and covariances change; powers and marks stay. Paths that are hardly apart may come out in
     another order than that of their delays. Versions stay as they were found where no ceiling shows, where the
-    clock bias is ambiguous, and where elements of the arrays err: what they leave is in no covariance.
+    clock bias is ambiguous, where the method does not tell what errors versions share, and where elements of the
+    arrays err: what they leave is in no covariance.
     """
     if not len(estimate):
         return estimate, empty_classes(estimate.stop)
     stop = located(estimate, hall, link)
-    if estimate.pointing is not None or not (hall.sees_ceiling and stop.is_certain):
+    is_told = estimate.correlated is not None and estimate.pointing is None
+    if not (is_told and hall.sees_ceiling and stop.is_certain):
         return replace(estimate, correlated=None), _classified(estimate.stop, stop, np.zeros(len(estimate)))
     tied = tied_paths(Groups(stop.paths, stop.states, hall.priors, stop.shared_m2, hall.heights.differences_m))
     return _moved(estimate, tied), _classified(estimate.stop, stop, tied.probability)

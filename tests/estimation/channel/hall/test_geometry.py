@@ -65,7 +65,6 @@ def cone_paths(seed: int = 0, n: int = 6) -> RangedPaths:
         is_cone=np.array([True, True]),
         covariance=np.einsum("p,ab->pab", rng.uniform(1, 2, n), np.diag([1e-4, 1e-5, 1e-5, 100.0, 100.0])),
         cross=np.zeros((n, n, 5, 5)),
-        pointing=np.zeros((n, 5, 5)),
     )
 
 

@@ -136,17 +136,18 @@ def test_paths_without_versions_stay() -> None:
     assert not tied.probability.any()
 
 
-def test_nothing_is_tied_where_elements_of_the_arrays_err() -> None:
+def test_nothing_is_tied_where_errors_in_common_are_not_told() -> None:
     link = hall_link(sees_elevation=False)
     truth = synthetic_hall(np.random.default_rng(2), HEIGHTS, link)
-    given = GivenHeights(HEIGHTS.tx_m, HEIGHTS.rx_m, 0.01)
-    hall = read_hall(truth.estimates, link, given)
+    estimate = with_correlated_versions(truth, np.random.default_rng(3))[0]
+    hall = read_hall(truth.estimates, link, GivenHeights(HEIGHTS.tx_m, HEIGHTS.rx_m, 0.01))
     assert hall is not None
-    marked = replace(truth.estimates[0], pointing=PointingErrors(1e-3 * truth.estimates[0].covariance))
-    same, classes = in_hall(marked, hall, link)
-    np.testing.assert_array_equal(same.delay_s, marked.delay_s)
-    assert not classes.tied_probability.any()
-    assert in_hall(truth.estimates[0], hall, link)[1].tied_probability.any()
+    assert in_hall(estimate, hall, link)[1].tied_probability.any()
+    arrays_err = replace(estimate, pointing=PointingErrors(1e-3 * estimate.covariance))
+    for marked in (arrays_err, replace(estimate, correlated=None)):
+        same, classes = in_hall(marked, hall, link)
+        np.testing.assert_array_equal(same.delay_s, marked.delay_s)
+        assert not classes.tied_probability.any()
 
 
 def test_the_paths_of_a_campaign_come_back_in_order_of_delay() -> None:
