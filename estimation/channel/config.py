@@ -113,8 +113,7 @@ class HallConfig(ConfigModel):
     """What is made of floor and ceiling: they repeat the paths over upright surfaces, as heights tell."""
 
     use: bool = Field(
-        True,
-        description="tie such versions of a path to each other: maximum-likelihood methods, devices at one height",
+        True, description="tie such versions of a path to each other, with maximum-likelihood methods"
     )
     stops: int = Field(8, ge=1, description="stops at which the heights of floor and ceiling are read")
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from estimation.channel.hall.model import GivenHeights
     from isac_arena.campaign.driver import CampaignRun
 
-SAME_HEIGHT_M = 1e-3  # of the receiver at all stops
-
 
 def in_halls(run: CampaignRun, reported: Sequence[Sequence[ChannelEstimate]]) -> Iterator[ChannelEstimate]:
     """The paths of every stop, joined over the links, with versions tied; from those reported (link, stop)."""
@@ -66,12 +64,9 @@ def keeps_hall(config: CampaignConfig) -> bool:
 
 
 def has_hall(run: CampaignRun) -> bool:
-    """Whether the paths of a link are read as those of a hall: of a fixed TX, to a receiver at one height."""
+    """Whether the paths of a link are read as those of a hall: of a fixed TX to the walk."""
     is_standing = run.scene.tx_name not in run.scene.tx_motions
-    if not (keeps_hall(run.config) and is_standing and run.config.role.kind == LinkKind.DOWNLINK):
-        return False
-    height_m = run.scene.walk.positions_m()[list(run.chosen_stops), 2]
-    return bool(np.ptp(height_m) < SAME_HEIGHT_M)
+    return keeps_hall(run.config) and is_standing and run.config.role.kind == LinkKind.DOWNLINK
 
 
 def hall_of(run: CampaignRun, reported: Sequence[ChannelEstimate]) -> HallEstimates:
@@ -93,5 +88,4 @@ def _given(run: CampaignRun) -> GivenHeights:
     tx_m = float(run.scene.standing_tx.position_m[2])
     if not run.config.heights.use:
         return GivenHeights(tx_m=tx_m)
-    rx_m = float(run.scene.walk.positions_m()[list(run.chosen_stops), 2].mean())
-    return GivenHeights(tx_m, rx_m, run.config.heights.std_m)
+    return GivenHeights(tx_m, run.scene.walk.height_m, run.config.heights.std_m)

@@ -9,6 +9,7 @@ from estimation.channel.hall.record import HallClass
 from isac_arena.campaign.campaign import load_campaign
 from isac_arena.campaign.chain.halls import has_hall, in_halls, keeps_hall, make_halls
 from isac_arena.campaign.driver import CampaignRun
+from isac_arena.user_functions.config import with_functions
 from sim.truth import Truth
 
 STOPS = (0, 1)
@@ -71,11 +72,9 @@ def test_without_a_hall_the_reported_paths_come_through(run: CampaignRun, truths
         np.testing.assert_array_equal(estimate.delay_s, kept.reported.delay_s)
 
 
-def test_only_a_receiver_at_one_height_has_a_hall(run: CampaignRun) -> None:
+def test_the_power_method_and_own_estimators_have_no_hall(run: CampaignRun) -> None:
     assert has_hall(run)
     power = run.config.channel.model_copy(update={"method": "power"})
     assert not has_hall(replace(run, config=run.config.model_copy(update={"channel": power})))
-    ramp = load_campaign("box_room").scene
-    walk = ramp.walk
-    lifted = [replace(pose, position_m=pose.position_m + [0, 0, 0.1 * row]) for row, pose in enumerate(walk.stops)]
-    assert not has_hall(replace(run, scene=replace(ramp, walk=replace(walk, stops=tuple(lifted)))))
+    own = with_functions(run.config, {"channel": "module:function"})
+    assert not has_hall(replace(run, config=own))
