@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 
 from estimation.channel.hall.record import HallClass
-from isac_arena.scoring.metrics.statistics import mean, quantile
+from isac_arena.scoring.metrics.statistics import mean
 from isac_arena.scoring.record import PathKind
 from isac_arena.scoring.stages.channel_metrics import CLASS_KEYS, class_right
 from isac_arena.validation.halls.run import HallResult, run_halls
@@ -90,7 +90,8 @@ def _height_rows(results: Sequence[HallResult]) -> list[Measurement]:
     for name, elevations, bar in HEIGHTS_M:
         error_m = [height_error_m(one) for one in results if one.hall.n_elevations in elevations]
         n_shown = int(np.isfinite(error_m).sum())
-        value, reason = quantile(np.array(error_m), 0.5), f"{n_shown} of {len(error_m)} rooms show their ceiling"
+        value = float(np.sort(error_m)[len(error_m) // 2]) if error_m else np.nan
+        reason = f"{n_shown} of {len(error_m)} rooms show their ceiling"
         rows.append(at_most(f"halls.height_error.{name}", value, bar, reason, "m"))
     return rows
 

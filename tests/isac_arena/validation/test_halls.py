@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.chain import score_channel
 from isac_arena.scoring.link_view import link_view
+from isac_arena.scoring.record import ScoreTables, StopScores
 from isac_arena.scoring.true_stop import true_stop
 from isac_arena.validation import case_runs
 from isac_arena.validation.halls.check import check_halls, hall_rows
 from isac_arena.validation.halls.run import HallResult
-from isac_arena.validation.halls.statistics import trimmed_rms
+from isac_arena.validation.halls.statistics import height_error_m, trimmed_rms
 from isac_arena.validation.scenarios.drawn_estimates import drawn_estimate
 from isac_arena.validation.scenarios.random_halls import (
     EQUAL_HEIGHTS_M,
@@ -28,6 +30,7 @@ from isac_arena.validation.scenarios.random_halls import (
     draw_hall,
 )
 from scenes.config import SceneConfig
+from scenes.record import empty_record
 from sim.config import PropagationConfig
 from sim.propagation.occlusion import sees_tx
 from tests.command_line import arena
@@ -124,3 +127,25 @@ def test_estimates_drawn_from_the_bounds_meet_every_bar():
         results.append(HallResult(hall, scores.tables, np.zeros(0)))
     rows = hall_rows(results, quick=True)
     assert len(rows) == 28 and not [(row.key, row.value, row.bar) for row in rows if not row.met]
+
+
+def test_a_room_without_a_ceiling_that_shows_has_unknown_heights() -> None:
+    hall = draw_hall(101, 0, 1, 14.0)
+    scene = tomllib.loads(hall.scene_text)
+    tables = empty_record(ScoreTables)
+    rx_m, ceiling_m = scene["walk"]["height_m"] + 0.01, scene["ceiling"]["z_m"] - 0.03
+
+    def stops(height_m: float) -> StopScores:
+        one = np.ones(1)
+        known = {"rx_height_m": np.array([rx_m]), "ceiling_m": np.array([height_m])}
+        return StopScores(np.array([0]), one, one, one, one, **known)
+
+    shown, hidden = (
+        HallResult(hall, replace(tables, stops=stops(z_m)), np.ones(1)) for z_m in (ceiling_m, np.nan)
+    )
+    assert height_error_m(shown) == pytest.approx(0.03)
+    assert height_error_m(hidden) == np.inf
+    elevations = hall.n_elevations
+    rows = {row.key: row for row in hall_rows([shown, shown, hidden], quick=False) if "height" in row.key}
+    name = "horizontal" if elevations == 1 else "three_elevations"
+    assert rows[f"halls.height_error.{name}"].value == pytest.approx(0.03)
