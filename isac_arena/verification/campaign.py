@@ -10,6 +10,7 @@ import numpy as np
 from estimation.channel.beam_power_map import beam_power_map
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import link_stores
+from isac_arena.campaign.chain.halls import found_hall, keeps_hall
 from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.driver import CampaignRun
@@ -41,7 +42,7 @@ class RecomputedResults(MemoryResults):
 
 
 def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Finding]:
-    """Findings of a share of the stops, of both maps and of the scores; none for a share of 0.
+    """Findings of a share of the stops, of halls, both maps and the scores; none for a share of 0.
 
     Every stage starts from what the stage before it stored. A measured campaign has no stops to simulate.
 
@@ -55,6 +56,7 @@ def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Findin
     stops = draw_share(len(scene.stops), share, seed) if store.measured is None else []
     return [
         *_guarded("stops", _stops(store, scene, stops)),
+        *_guarded("hall", _halls(store, scene)),
         *_guarded("map", _maps(store, scene)),
         *_guarded("scores.json", _scores(store, scene)),
     ]
@@ -91,6 +93,17 @@ def _stops(store: CampaignStore, scene: Scene, stops: Sequence[int]) -> Iterator
         if stored is not None:
             again = StopEstimate(run.estimate(truth, sweep), beam_power_map(sweep))
             yield compare_records(own.stop_file("channel", stop), stored, again)
+
+
+def _halls(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
+    if store.measured is not None or not keeps_hall(store.config):
+        return
+    run = CampaignRun(store.config, scene)
+    for (own, stops), link in zip(link_stores(store), run.links, strict=True):
+        stored, estimates = own.hall(), [own.estimate(stop) for stop in stops]
+        if stored is not None:
+            again = found_hall(link, [one.reported for one in estimates if one is not None])
+            yield compare_records(f"channel/hall{own.tx}.nc", stored.paths, again.paths)
 
 
 def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from estimation.channel.hall.model import GivenHeights, HallLink, read_hall
 from estimation.channel.hall.record import HallEstimates, ReadPaths, no_hall
 from estimation.channel.hall.stop import ClassifiedPaths, in_hall
 from estimation.channel.record import ChannelEstimate
+from estimation.execution import one_blas_thread
 from estimation.steps import STEPS
 from scenes.record import IntArray, concatenate
 
@@ -20,10 +21,11 @@ def hall_estimates(
     """The hall of a campaign, read at the stops in these `rows`, and the paths of all stops in it."""
     stops = np.array([estimate.stop for estimate in estimates], int)
     STEPS.info("versions of paths by floor and ceiling")
-    model = read_hall([estimates[row] for row in rows], link, given)
-    if model is None:
-        return no_hall(stops)
-    parts = [_stop_paths(*in_hall(estimate, model, link)) for estimate in estimates]
+    with one_blas_thread():
+        model = read_hall([estimates[row] for row in rows], link, given)
+        if model is None:
+            return no_hall(stops)
+        parts = [_stop_paths(*in_hall(estimate, model, link)) for estimate in estimates]
     return HallEstimates(concatenate(parts, "path"), stops, model)
 
 
