@@ -19,6 +19,7 @@ import scipy.fft
 
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.chain.halls import make_halls
 from isac_arena.campaign.shards import STOPS_A_SHARD
 from isac_arena.campaign.stored import pack_stops
 from isac_arena.validation.benches.campaign import QUICK_STOPS, SMALL, box_campaign
@@ -100,6 +101,7 @@ def run_stages(campaign: Campaign, out: Path | None = None, *, maps: bool = True
                 if stop % STOPS_A_SHARD == 0:
                     pack_stops(store)
             pack_stops(store)
+            timed(times_s, "channel", partial(make_halls, run, again=True))
             if maps:
                 timed(times_s, "maps", partial(stages.build_maps, store))
                 timed(times_s, "scores", partial(stages.write_scores, store))
