@@ -8,7 +8,7 @@ differ.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,19 +135,19 @@ def read_hall(
     points.sort(key=lambda one: -merit(one[0]))
     settled = [_settled(stops, *one) for one in points[:N_BEST]]
     ranked = sorted(((merit(point), point) for point in settled), key=lambda one: -one[0])
-    ranked[0] = _with_checked_ceiling(stops, *ranked[0])
+    best = _with_checked_ceiling(stops, ranked[0][1], merit)
+    ranked[0] = merit(best), best
     return _model(used, stops, ranked)
 
 
-def _with_checked_ceiling(stops: _Stops, merit: float, point: _Point) -> tuple[float, _Point]:
-    """The best solution with the ceiling that explains most at its clocks, or without one where none shows."""
+def _with_checked_ceiling(stops: _Stops, point: _Point, merit: Callable[[_Point], float]) -> _Point:
+    """The point with the best of the ceilings that explain most at its clocks, or without one where none shows."""
     without = _at_ceiling(stops, point, NO_CEILING_M)
     known = zip(stops.paths, without.clock_m, strict=True)
     votes = [stop_votes(paths, np.array([clock_m])) for paths, clock_m in known]
     tried = [_at_ceiling(stops, without, one) for one in likely_ceilings(votes, without.heights_m, N_CEILINGS)]
-    best = max([point, *tried], key=lambda one: one.evidence)
-    found = best if best.evidence - without.evidence > LEAST_CEILING else without
-    return merit + found.evidence - point.evidence, found
+    best = max([point, *tried], key=merit)
+    return best if best.evidence - without.evidence > LEAST_CEILING else without
 
 
 def _at_ceiling(stops: _Stops, point: _Point, ceiling_m: float) -> _Point:
