@@ -9,7 +9,7 @@ import numpy as np
 from estimation.channel.hall.classes import StopStates, class_probabilities, version_probabilities
 from estimation.channel.hall.geometry import HEIGHT_SLOPES
 from estimation.channel.hall.groups import N_SHARED, Groups
-from estimation.channel.hall.model import AMBIGUOUS, GivenHeights, HallLink, own_clock, prepared_stops
+from estimation.channel.hall.model import AMBIGUOUS, LOOSE_STD_M, GivenHeights, HallLink, own_clock, prepared_stops
 from estimation.channel.hall.paths import RangedPaths
 from estimation.channel.hall.power import SightPower
 from estimation.channel.hall.record import HallModel
@@ -21,7 +21,6 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import FloatArray, Record, array, empty_record
 
 N_CLOCKS, CLOCK_STEPS = 6, 12  # clock biases tried, and most steps of each
-LOOSE_M = 100.0  # prior of the clock bias
 SAME_STDS, SAME_M = 3.0, 0.05  # within which two clock biases are one
 
 
@@ -105,7 +104,7 @@ def located(estimate: ChannelEstimate, hall: HallModel, link: HallLink) -> HallS
     ]
     clock_m, states = max(reached, key=lambda one: one[1].evidence)
     at = stop_equations(paths, powers, states, clock_m, differences_m, by_elevation=use)
-    own = at.information[3, 3] + 1 / LOOSE_M**2
+    own = at.information[3, 3] + 1 / LOOSE_STD_M[3] ** 2
     by_heights = -at.information[3, :3] / own
     turn = np.vstack([np.eye(N_SHARED - 1), by_heights])
     shared_m2 = turn @ hall.covariance_m2 @ turn.T
