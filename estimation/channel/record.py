@@ -57,12 +57,14 @@ class PathMotion(Record):
 
 @dataclass(frozen=True)
 class PathsInHall(Record):
-    """What the hall of a campaign tells of the paths of a stop: see `estimation.channel.hall`."""
+    """Classes of the paths of a stop, and the heights of its hall: see `estimation.channel.hall`."""
 
     class_probability: FloatArray = array("path", "class", doc="of the classes in the order of HallClass")
     version_probability: FloatArray = array("path", "version", doc="of the versions, if the path is not weak")
     tied_probability: FloatArray = array("path", doc="that other versions of its plan path are among the paths")
-    heights_m: FloatArray = array("height", unit="m", doc="of TX, receiver and ceiling above the floor, as read")
+    heights_m: FloatArray = array(
+        "height", unit="m", doc="of TX, receiver and ceiling above the floor; NaN: not shown"
+    )
 
 
 @dataclass(frozen=True)

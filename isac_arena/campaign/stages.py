@@ -195,15 +195,14 @@ def sweep_and_estimate(
     if not store.has_samples:
         return []
     work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
-    is_done = not again and all(map(work.is_done, work.run.chosen_stops))
-    if not is_done:
+    if not all(map(work.is_done, (work.run.chosen_stops[0], work.run.chosen_stops[-1]))):
         _ensure_kernels()
     failures = _each_stop(work, makers, "trace, sweep, estimate", more="SLAM and contours")
     if failures and len(failures) == len(work.run.chosen_stops):
         raise failures[0]
     if store.measured is None:
         with working(console, "floor and ceiling: which paths are versions of others?"):
-            make_halls(work.run, again=not is_done)
+            make_halls(work.run, again=again)
     return failures
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,6 +57,11 @@ class HallLink:
     los: LosConfig
     cell_s: float
 
+    @cached_property
+    def elevation_loss(self) -> ElevationLoss:
+        """What its beams lose by elevation, the same at all stops."""
+        return ElevationLoss((self.tx_codebook, self.rx_codebook))
+
 
 @dataclass(frozen=True)
 class GivenHeights:
@@ -71,11 +77,6 @@ class GivenHeights:
         return np.array([self.tx_m is not None, self.rx_m is not None, False])
 
     @property
-    def are_both(self) -> bool:
-        """Whether both devices were surveyed."""
-        return bool(self.is_given[:2].all())
-
-    @property
     def value_m(self) -> FloatArray:
         """Heights (3,); 0 where not surveyed."""
         return np.array([self.tx_m or 0.0, self.rx_m or 0.0, 0.0])
@@ -88,6 +89,11 @@ class _Stops:
     paths: Sequence[RangedPaths]
     powers: Sequence[StopPowers]
     given: GivenHeights
+
+    @property
+    def by_elevation(self) -> bool:
+        """Whether elevations tell heights and clocks: not where both devices were surveyed."""
+        return not self.given.is_given[:2].all()
 
 
 @dataclass(frozen=True)
@@ -159,10 +165,9 @@ def _at_ceiling(stops: _Stops, point: _Point, ceiling_m: float) -> _Point:
 def prepared_stops(estimates: Sequence[ChannelEstimate], link: HallLink, given: GivenHeights) -> _Stops:
     """Paths and powers of estimates."""
     books = (link.tx_codebook, link.rx_codebook)
-    elevation_loss = ElevationLoss(books)
     paths = [stop_paths(estimate, *books) for estimate in estimates]
     powers = [
-        stop_powers(estimate, own, elevation_loss, link.los, link.cell_s)
+        stop_powers(estimate, own, link.elevation_loss, link.los, link.cell_s)
         for estimate, own in zip(estimates, paths, strict=True)
     ]
     return _Stops(paths, powers, given)
@@ -172,7 +177,7 @@ def _with_best_clocks(
     stops: _Stops, heights_m: FloatArray, priors: ClassPriors, tried: Sequence[FloatArray]
 ) -> _Point:
     """The point at these heights with the best of the clocks tried at every stop, each after steps of its own."""
-    differences, by_elevation = Heights(*heights_m).differences_m, not stops.given.are_both
+    differences, by_elevation = Heights(*heights_m).differences_m, stops.by_elevation
     best, clock = [], []
     for paths, powers, biases in zip(stops.paths, stops.powers, tried, strict=True):
         reached = [
@@ -260,7 +265,7 @@ def _equations(stops: _Stops, point: _Point) -> tuple[FloatArray, FloatArray]:
     information, slope = np.zeros((3 + n, 3 + n)), np.zeros(3 + n)
     loose = np.concatenate([LOOSE_STD_M[:3], np.full(n, LOOSE_STD_M[3])])
     information[np.diag_indices(3 + n)] = 1 / loose**2
-    differences, by_elevation = Heights(*point.heights_m).differences_m, not stops.given.are_both
+    differences, by_elevation = Heights(*point.heights_m).differences_m, stops.by_elevation
     for index, (paths, powers, states) in enumerate(zip(stops.paths, stops.powers, point.states, strict=True)):
         clock_m = float(point.clock_m[index])
         part = stop_equations(paths, powers, states, clock_m, differences, by_elevation=by_elevation)
@@ -305,7 +310,7 @@ def _model(
         other_merit=np.array([other for _, other in others]),
         caveats=np.zeros(0, str),
         priors=best.priors,
-        by_elevation=not stops.given.are_both,
+        by_elevation=stops.by_elevation,
     )
     return replace(model, caveats=np.array(_caveats(stops, model), str))
 

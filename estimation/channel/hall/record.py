@@ -46,7 +46,7 @@ class HallModel(Record):
     other_merit: FloatArray = array("other", doc="their merits")
     caveats: TextArray = array("caveat", dtype=str, doc="what the estimates cannot tell")
     by_elevation: bool = array(
-        dtype=bool, doc="whether elevations tell of heights: not where those of both devices were surveyed"
+        dtype=bool, doc="whether elevations count for heights: not where those of both devices were surveyed"
     )
 
     @property
@@ -58,6 +58,11 @@ class HallModel(Record):
     def sees_ceiling(self) -> bool:
         """Whether paths by way of a ceiling show; if not, its height is out of reach."""
         return bool(self.heights_m[2] < NO_CEILING_M / 2)
+
+    @property
+    def shown_m(self) -> FloatArray:
+        """Heights (3,) of TX, receiver and ceiling; NaN for a ceiling that does not show."""
+        return np.where([True, True, self.sees_ceiling], self.heights_m, np.nan)
 
     @property
     def height_std_m(self) -> FloatArray:
@@ -105,7 +110,7 @@ class HallEstimates(Record):
             covariance=own.covariance[:, :size, :size],
             correlated=None,
             hall=PathsInHall(
-                own.class_probability, own.version_probability, own.tied_probability, self.model.heights_m
+                own.class_probability, own.version_probability, own.tied_probability, self.model.shown_m
             ),
         )
 

@@ -26,7 +26,7 @@ Grouping = tuple[Group, ...]  # groups of two and more paths; all others are loo
 
 @dataclass(frozen=True)
 class TiedPaths:
-    """What versions of one plan path tell of each other.
+    """The paths of a stop with versions of one plan path tied.
 
     Attributes
     ----------

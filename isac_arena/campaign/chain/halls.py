@@ -30,7 +30,10 @@ def in_halls(run: CampaignRun, reported: Sequence[Sequence[ChannelEstimate]]) ->
 
 
 def make_halls(run: CampaignRun, *, again: bool) -> None:
-    """Keep the hall of every link whose stops all have kept estimates; `again` where there is one already."""
+    """Keep the hall of every link, from the kept estimates of all its stops; `again` where there is one already.
+
+    One that is kept stays right where stops are made again: their estimates have the same bits.
+    """
     for link in filter(lambda one: keeps_hall(one.config), run.links):
         if again or link.results.hall() is None:
             kept = [link.results.estimate(stop) for stop in link.chosen_stops]

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel.hall.geometry import NO_CEILING_M
 from estimation.channel.hall.record import HallClass
 from estimation.channel.record import MIN_PARAMETERS, AngleKind, ChannelEstimate, EstimateStatus
 from isac_arena.scoring.association import (
@@ -206,8 +205,8 @@ def _classes(stop: TrueStop, estimate: ChannelEstimate, status: IntArray, true_p
 
 
 def _read_heights(estimate: ChannelEstimate) -> dict[str, Any]:
-    """The columns of `StopScores` with the heights of a hall that shows its ceiling."""
-    if estimate.hall is None or estimate.hall.heights_m[2] >= NO_CEILING_M:
+    """The columns of `StopScores` with the heights of a hall that was read."""
+    if estimate.hall is None:
         return {}
     return dict(zip(("rx_height_m", "ceiling_m"), estimate.hall.heights_m[1:, None], strict=True))
 
