@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel.hall.record import HallClass
 from estimation.slam.record import IncidencePoints
+from isac_arena.scoring.causes import LEVEL
 from isac_arena.scoring.metrics.statistics import rows_of_groups
 from isac_arena.scoring.record import PathKind, PathScores
 from scenes.pose import SPEED_OF_LIGHT_M_S
@@ -17,25 +18,33 @@ LEVEL_M = 1e-3  # between the rise of a path and that from the TX to the receive
 
 @dataclass(frozen=True)
 class PathOrigin:
-    """Kind of each true path, and the object of each single bounce."""
+    """Kind of each true path, and the object of each single bounce, in space and seen from above."""
 
     kind: IntArray  # (path,) PathKind
     object: TextArray  # (path,) object of a single bounce, else empty
+    plan_object: TextArray  # (path,) the same where a path also bounces off floor and ceiling
     vertex_m: FloatArray  # (path, xy) IP of a single bounce, else NaN
     height_m: FloatArray  # (path,) its height
 
 
 def path_origin(paths: Paths) -> PathOrigin:
-    """Kind, object and incidence point of every true path; transmission through a wall is not a bounce."""
+    """Kind, objects and incidence point of every true path; transmission through a wall is not a bounce.
+
+    Seen from above a path that also bounces off floor and ceiling is the single bounce off its upright object.
+    """
     paths = with_bounce_slots(paths, max(1, paths.size("bounce")))
     bounces = (paths.bounce_kind != BounceKind.NONE) & (paths.bounce_kind != BounceKind.REFRACTION)
     n_bounces = bounces.sum(axis=1)
     single = n_bounces == PathKind.SINGLE_BOUNCE
     path, slot = np.arange(len(paths)), bounces.argmax(axis=1)
+    names = np.append(paths.object_name, "")
+    upright = bounces & ~np.isin(names[paths.bounce_object], LEVEL)
+    in_plan = np.where(upright.sum(axis=1) == 1, paths.bounce_object[path, upright.argmax(axis=1)], -1)
     index = np.where(single, paths.bounce_object[path, slot], -1)
     return PathOrigin(
         kind=np.minimum(n_bounces, PathKind.MULTI_BOUNCE),
-        object=np.append(paths.object_name, "")[index],
+        object=names[index],
+        plan_object=names[np.where(single, index, in_plan)],
         vertex_m=np.where(single[:, None], paths.vertex_m[path, slot, :2], np.nan),
         height_m=np.where(single, paths.vertex_m[path, slot, 2], np.nan),
     )

@@ -57,10 +57,14 @@ class PathScores(Record):
     tx: IntArray = optional_array("estimate", dtype=int, doc="index of the TX, among several of a campaign")
     hall_class: IntArray = optional_array("estimate", dtype=int, doc="most probable HallClass, -1 unknown")
     true_class: IntArray = optional_array("estimate", dtype=int, doc="true HallClass, -1 for a weak specular path")
+    plan_object: TextArray = optional_array(
+        "estimate", dtype=str, doc="the only upright object the true path bounced off, else as `object`"
+    )
 
     def __post_init__(self) -> None:
         n = len(self.stop)
-        self._fill(tx=np.zeros(n, int), hall_class=np.full(n, -1), true_class=np.full(n, -1))
+        unknown = {"hall_class": np.full(n, -1), "true_class": np.full(n, -1)}
+        self._fill(tx=np.zeros(n, int), plan_object=self.object, **unknown)
         super().__post_init__()
 
     @property
@@ -165,7 +169,9 @@ class IpScores(Record):
     path: IntArray = array("ip", dtype=int, doc="index in the channel estimate of the stop")
     is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce by the estimator")
     label: IntArray = array("ip", dtype=int, doc="cluster, -1 for none")
-    object: TextArray = array("ip", dtype=str, doc="object of the true single bounce, else empty")
+    object: TextArray = array(
+        "ip", dtype=str, doc="object of the true bounce, the only one seen from above; else empty"
+    )
     cause: TextArray = array("ip", dtype=str, doc="why an inlier has no object, or a single bounce is no inlier")
     surface_distance_m: FloatArray = array(
         "ip",

@@ -49,7 +49,7 @@ class GroupFits:
     data: Reflections
     config: ReflectionConfig
     known: dict[bytes, tuple[str, Optimum] | None] = field(default_factory=dict)
-    square: dict[int, tuple[Optimum, FloatArray]] = field(default_factory=dict)
+    square: dict[int, tuple[Optimum, FloatArray, FloatArray]] = field(default_factory=dict)
 
     def fit(self, rows: IntArray) -> tuple[str, Optimum] | None:
         """The most evident simple contour of some paths, None where ghosts explain them as well."""
@@ -58,12 +58,12 @@ class GroupFits:
             self.known[key] = most_evident(self.data.take("path", rows), self.config)
         return self.known[key]
 
-    def squares(self, kind: str, optimum: Optimum) -> FloatArray:
+    def squares(self, kind: str, optimum: Optimum) -> tuple[FloatArray, FloatArray]:
         """`object_squares` of all paths; kept, because objects stay the same for many rounds."""
         key = id(optimum)
         if key not in self.square:
-            self.square[key] = optimum, object_squares(kind, optimum, self.data)
-        return self.square[key][1]
+            self.square[key] = optimum, *object_squares(kind, optimum, self.data)
+        return self.square[key][1:]
 
 
 def split_rows(fits: GroupFits, rows: IntArray) -> ClusterSplit:
@@ -89,8 +89,8 @@ def split_rows(fits: GroupFits, rows: IntArray) -> ClusterSplit:
     return ClusterSplit(label, tuple(kind for kind, _ in found))
 
 
-def object_squares(kind: str, optimum: Optimum, data: Reflections) -> FloatArray:
-    """`path_squares` (path,) of an object of a kind."""
+def object_squares(kind: str, optimum: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
+    """`path_squares` (path,), and log densities (path,), of an object of a kind."""
     return path_squares(OBJECT_KINDS[kind].family, optimum, data)
 
 
@@ -111,7 +111,7 @@ def _nearest(data: Reflections, found: list[tuple[str, Optimum]]) -> IntArray:
     """The object (path,) that predicts each path best, -1 where all are beyond the gate."""
     if not found:
         return np.full(len(data), GHOST)
-    square: FloatArray = np.array([object_squares(kind, optimum, data) for kind, optimum in found])
+    square: FloatArray = np.array([object_squares(kind, optimum, data)[0] for kind, optimum in found])
     return np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
 
 

@@ -231,7 +231,7 @@ def _final(
     noise = [1.0] * len(parts)
     if config.learn_noise:
         pairs = zip(objects, parts, strict=True)
-        noise = [object_noise(object_squares(each.kind, each.optimum, part)) for each, part in pairs]
+        noise = [object_noise(object_squares(each.kind, each.optimum, part)[0]) for each, part in pairs]
     parts = [_scaled(part, factor) for part, factor in zip(parts, noise, strict=True)]
     choices, priors = _chosen(parts, of_wall, settings)
     least = 1 / np.minimum(scale, 1.0)

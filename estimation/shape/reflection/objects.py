@@ -103,16 +103,16 @@ def _objects(fits: GroupFits, groups: list[IntArray], min_paths: int) -> list[Fo
 def _choices(fits: GroupFits, objects: list[FoundObject]) -> list[IntArray]:
     """Paths of each object when every path takes the one that explains it best, if any does.
 
-    A contour has one path per stop and TX; of several the nearest counts.
+    A contour has one path per stop and TX; of several the most likely counts.
     """
     if not objects:
         return []
-    square = _squares(fits, objects)
+    square, log_density = _squares(fits, objects)
     choice = np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
     groups = []
     for k in range(len(objects)):
         rows = np.flatnonzero(choice == k)
-        rows = rows[np.argsort(square[k, rows], kind="stable")]
+        rows = rows[np.argsort(-log_density[k, rows], kind="stable")]
         link = fits.data.stop[rows] * (fits.data.clock.max(initial=0) + 1) + fits.data.clock[rows]
         _, first = np.unique(link, return_index=True)
         groups.append(np.sort(rows[first]))
@@ -123,7 +123,7 @@ def _joined(fits: GroupFits, objects: list[FoundObject]) -> list[FoundObject]:
     """Objects after merging those that have more evidence as one than as two."""
     tried: set[bytes] = set()
     while True:
-        pair = _next_pair(_squares(fits, objects), objects, tried)
+        pair = _next_pair(_squares(fits, objects)[0], objects, tried)
         if pair is None:
             return objects
         one, other = (objects[k] for k in pair)
@@ -147,6 +147,8 @@ def _next_pair(square: FloatArray, objects: list[FoundObject], tried: set[bytes]
     return None
 
 
-def _squares(fits: GroupFits, objects: list[FoundObject]) -> FloatArray:
-    squares = [fits.squares(each.kind, each.optimum) for each in objects]
-    return np.array(squares).reshape(len(objects), len(fits.data))
+def _squares(fits: GroupFits, objects: list[FoundObject]) -> tuple[FloatArray, FloatArray]:
+    """Squared distances and log densities (object, path) of all paths."""
+    terms = [fits.squares(each.kind, each.optimum) for each in objects]
+    square, log_density = np.array(terms).reshape(len(objects), 2, len(fits.data)).swapaxes(0, 1)
+    return square, log_density

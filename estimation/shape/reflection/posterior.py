@@ -106,18 +106,19 @@ def best_start(
     return np.asarray(starts[np.argmax(np.nan_to_num(density, nan=-np.inf))])
 
 
-def path_squares(family: int, found: Optimum, data: Reflections) -> FloatArray:
+def path_squares(family: int, found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
     """Squared Mahalanobis distances (path,) of paths from what a fitted contour with its offsets predicts.
 
-    The covariances of paths and poses count, that of the contour does not. Sessions without paths in the fit get
+    Also their log densities (path,): of two paths as near, the more precise one has the higher density. The
+    covariances of paths and poses count, that of the contour does not. Sessions without paths in the fit get
     its mean departure offset.
     """
     n_known = len(found.offset) - N_COMMON
     missing = np.full(max(data.n_sessions - n_known, 0), found.offset[N_COMMON:].mean())
     offset = np.concatenate([found.offset, missing])
     mixture = GhostMixture(0.0, -np.inf, data.has_exact_poses)
-    square, _ = weigh_starts(family, found.parameter[None], offset, data.arrays, mixture)
-    return np.asarray(square[0])
+    square, log_norm = weigh_starts(family, found.parameter[None], offset, data.arrays, mixture)
+    return square[0], log_norm[0] - 0.5 * square[0]
 
 
 def with_offsets(prior: Prior, n_sessions: int, config: ReflectionConfig) -> Prior:
