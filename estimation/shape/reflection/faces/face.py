@@ -39,32 +39,37 @@ class Face:
         first, last = self.parts_m[:, 0] - reach_m, self.parts_m[:, 1] + reach_m
         return np.asarray(((place_m[..., None] >= first) & (place_m[..., None] <= last)).any(axis=-1))
 
+    def reaches(self, point_m: FloatArray) -> bool:
+        """Whether a point (xy,) is beside the face, between its ends."""
+        place_m = point_m @ self.line.tangent
+        first, last = self.parts_m.min(initial=np.inf), self.parts_m.max(initial=-np.inf)
+        return bool(first - PATH_REACH_M < place_m < last + PATH_REACH_M)
+
     def is_flush(self, circle: Optimum, receivers_m: FloatArray, relief_m: float) -> bool:
-        """Whether a circle between the ends of the face touches it from behind: a patch of it that scatters.
+        """Whether a circle touches the face, or the line beyond its ends, from behind: a patch that scatters.
 
         Seen from the receivers (path, xy), its front is off the face by no more than errors and `relief_m`.
         """
         line, center_m, radius_m = self.line, circle.parameter[:2], float(np.exp(circle.parameter[2]))
+        if not (line.mirrors or self.reaches(center_m)):
+            return False
         side = np.sign(np.median(line.away_m(receivers_m)))
         place_m, behind_m = center_m @ line.tangent, float(side * line.away_m(center_m))
-        is_between = (
-            self.parts_m.min(initial=np.inf) - PATH_REACH_M
-            < place_m
-            < self.parts_m.max(initial=-np.inf) + PATH_REACH_M
-        )
         slope = np.append(side * line.normal, radius_m)
         variance = slope @ circle.parameter_covariance @ slope + line.variance_m2(place_m, relief_m)
-        return bool(is_between and behind_m < 0 and (behind_m + radius_m) ** 2 < ONE_GATE * variance)
+        return bool(line.is_between(place_m) and behind_m < 0 and (behind_m + radius_m) ** 2 < ONE_GATE * variance)
 
 
 def face_choice(choice: Choice, face: Face) -> Choice:
-    """The choice for the object that a face mirrors: what the face scatters is evidence for a straight wall."""
-    flat = "wall" if face.line.bend is None else "arc"
-    if not choice.fits[flat].is_usable:
-        return choice
+    """The choice for the object that a face mirrors: what the face scatters is evidence for its kinds.
+
+    A flat face is that of a straight wall; a curved one that of a curved wall, or the front of a pillar.
+    """
+    kinds = ("wall",) if face.line.bend is None else ("arc", *CLASSES["pillar"])
     with np.errstate(divide="ignore"):
         log = {kind: float(np.log(value)) for kind, value in choice.probability.items()}
-    log[flat] += face.gain
+    for kind in kinds:
+        log[kind] += face.gain
     total = np.logaddexp.reduce(list(log.values()))
     probability = {kind: float(np.exp(value - total)) for kind, value in log.items()}
     by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in choice.class_probability}

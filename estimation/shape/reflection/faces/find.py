@@ -115,7 +115,7 @@ class FaceSearch:
         found, rows = self.objects[k].optimum, self._mirrored(k)
         if self.objects[k].kind == "circle":
             return self.points.bent(self.points.facing(rows), rows, rows)
-        line = FaceLine(found.parameter, found.parameter_covariance, np.zeros(2))
+        line = FaceLine(found.parameter, found.parameter_covariance, np.zeros(2), mirrors=True)
         place = self.points.places_m(line, rows)
         return line._replace(seen_m=np.array([place.min(), place.max()]))
 
@@ -236,7 +236,7 @@ class FaceSearch:
             if not (is_like or is_flush):
                 continue
             evidence, near = along_face(face.line, self.points.places(face.line, rows), self.config)
-            if is_flush or found.log_evidence < evidence + _IN_FACE_NAT:
+            if (is_flush and face.reaches(found.parameter[:2])) or found.log_evidence < evidence + _IN_FACE_NAT:
                 scattered = np.union1d(face.scattered, rows[near])
                 face = self._taken(replace(face, objects=(*face.objects, k), scattered=scattered))
         return face

@@ -40,6 +40,7 @@ class FaceLine(NamedTuple):
     seen_m: FloatArray  # first and last place along it
     between_m: tuple[float, float] = (-np.inf, np.inf)  # places where lines of sight pass through it
     bend: Bend | None = None  # of a curved face
+    mirrors: bool = False  # the line of a flat wall that mirrors paths
 
     @property
     def normal(self) -> FloatArray:
@@ -75,10 +76,16 @@ class FaceLine(NamedTuple):
         return np.asarray(np.einsum("...i,ij,...j", lever, self.covariance, lever) + relief_m**2)
 
     def log_density(self, place_m: FloatArray, reach_m: float) -> FloatArray:
-        """Log density (place,) per m of paths along the face: even over its seen part, normal beyond."""
+        """Log density (place,) per m of paths along the face: even over its seen part, less beyond.
+
+        A wall that mirrors may go on far beyond what is seen of it: the tails are those of Cauchy, else normal.
+        """
         first, last = self.seen_m
-        beyond = np.maximum(np.maximum(first - place_m, place_m - last), 0.0)
-        density = -np.log(last - first + np.sqrt(2 * np.pi) * reach_m) - 0.5 * (beyond / reach_m) ** 2
+        beyond = np.maximum(np.maximum(first - place_m, place_m - last), 0.0) / reach_m
+        if self.mirrors:
+            density = -np.log(last - first + np.pi * reach_m) - np.log1p(beyond**2)
+        else:
+            density = -np.log(last - first + np.sqrt(2 * np.pi) * reach_m) - 0.5 * beyond**2
         return np.asarray(np.where(self.is_between(place_m), density, -np.inf))
 
     def is_between(self, place_m: FloatArray) -> BoolArray:
