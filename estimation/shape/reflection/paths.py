@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.channel.hall.record import HallClass
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurement_vectors
 from estimation.laws.raised import PathHeights
@@ -20,6 +21,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray, concatenate
 
 KNOWN_CLOCK_STD_NS = 1e-3  # of a device that hears itself: one clock sends and receives
+_CLASS_RIGHT = (0.2, 0.8)  # four of five classes are right: rows `class_right` of the halls
 _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
 
@@ -159,8 +161,17 @@ def _all_paths(
         rx_covariance=_pose_covariance(poses, config)[row],
         session=np.zeros(n, dtype=np.int64),
         stop=poses.stop[row],
+        specular_probability=np.concatenate([np.zeros(0), *(_specular_probability(item) for _, item in used)]),
     )
     return data, [(item.stop, path) for _, item in used for path in range(len(item))]
+
+
+def _specular_probability(estimate: ChannelEstimate) -> FloatArray:
+    """Probability (path,) of each path to be specular, by its class in a hall that was read."""
+    if estimate.hall is None:
+        return np.full(len(estimate), 0.5)
+    weak = estimate.hall.class_probability[:, list(HallClass).index(HallClass.WEAK)]
+    return np.clip(1 - weak, *_CLASS_RIGHT)
 
 
 def _paths_by_tx(

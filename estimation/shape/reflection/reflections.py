@@ -35,6 +35,9 @@ class Reflections(Record):
     boresight_rad: FloatArray = optional_array(
         "path", "end", unit="rad", doc="azimuth of the panel at TX and RX in their frames; NaN for no cone angles"
     )
+    specular_probability: FloatArray = optional_array(
+        "path", doc="that the path is specular, not a sum of diffuse ones, if both are alike beforehand"
+    )
 
     def __post_init__(self) -> None:
         n = len(self.stop)
@@ -42,6 +45,7 @@ class Reflections(Record):
             "clock": np.zeros(n, int),
             "difference_m": np.full(n, np.nan),
             "boresight_rad": np.full((n, 2), np.nan),
+            "specular_probability": np.full(n, 0.5),
         }
         for name, value in missing.items():
             if getattr(self, name) is None:
@@ -61,6 +65,16 @@ class Reflections(Record):
     def __len__(self) -> int:
         return len(self.stop)
 
+    @property
+    def log_specular(self) -> FloatArray:
+        """Log of how much more likely (path,) than on average what is known of a path is if it is specular."""
+        return np.asarray(np.log(2 * self.specular_probability))
+
+    @property
+    def log_diffuse(self) -> FloatArray:
+        """The same if it is diffuse."""
+        return np.asarray(np.log(2 * (1 - self.specular_probability)))
+
     def covariance_with_poses(self, by_state: FloatArray) -> FloatArray:
         """Covariances (path, 3, 3) with those of the poses, by the slopes (path, 3, 4) of what is measured."""
         return np.asarray(self.covariance + by_state @ self.rx_covariance @ np.swapaxes(by_state, 1, 2))
@@ -68,7 +82,7 @@ class Reflections(Record):
     @cached_property
     def arrays(self) -> PathArrays:
         """The same for compiled code: copies, because arrays of records are read-only, a type of its own."""
-        names = ("measured", "covariance", "tx", "rx_state", "rx_covariance", "session", "clock")
+        names = ("measured", "covariance", "tx", "rx_state", "rx_covariance", "session", "clock", "log_specular")
         return PathArrays(*(np.array(getattr(self, name), order="C") for name in names))
 
     @cached_property

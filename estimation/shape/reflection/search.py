@@ -37,6 +37,7 @@ class PathArrays(NamedTuple):
     rx_covariance: FloatArray  # (path, 4, 4)
     session: IntArray  # (path,)
     clock: IntArray  # (path,)
+    log_specular: FloatArray  # (path,)
 
 
 class GhostMixture(NamedTuple):
@@ -144,7 +145,8 @@ def weigh_paths(
         if not mixture.exact_pose:
             _add_pose_errors(by_rx, paths.rx_covariance[i], spread, total)
         determinant = inverse3(total, weight[i])
-        log_norm[i] = mixture.log_share - 1.5 * np.log(2 * np.pi) - 0.5 * np.log(determinant)
+        log_norm[i] = mixture.log_share + paths.log_specular[i] - 1.5 * np.log(2 * np.pi)
+        log_norm[i] -= 0.5 * np.log(determinant)
         path_difference(paths.measured[i], value, offset, paths.session[i], difference)
         square[i] = 0.0
         for a in range(3):

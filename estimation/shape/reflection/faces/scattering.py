@@ -161,6 +161,7 @@ def scattering_places(line: FaceLine, data: Reflections, config: ReflectionConfi
         step = np.einsum("pa,pab,pb->p", by_place, weight, error) / information
     square = np.einsum("pa,pab,pb->p", error, weight, error)
     log_mass = -0.5 * (square + np.linalg.slogdet(covariance)[1] + np.log(information)) - np.log(2 * np.pi)
+    log_mass += data.log_diffuse
     return Places(place, 1 / information, log_mass, square)
 
 
@@ -185,7 +186,8 @@ class ScatteringPoints(NamedTuple):
         error = residual(data.measured, predicted.value)
         square = np.einsum("pa,pab,pb->p", error, np.linalg.inv(covariance), error)
         log_size = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(points.covariance_m2)[1]
-        return cls(points, np.where(square < ONE_GATE, -0.5 * (square + log_size + np.log(2 * np.pi)), -np.inf))
+        log_mass = data.log_diffuse - 0.5 * (square + log_size + np.log(2 * np.pi))
+        return cls(points, np.where(square < ONE_GATE, log_mass, -np.inf))
 
     def about_one(self, rows: IntArray, config: ReflectionConfig) -> float:
         """Log evidence of paths by way of places about one point; ghosts are possible.
