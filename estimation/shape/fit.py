@@ -10,6 +10,7 @@ KINDS = (
     "circle",
     "ellipse",
     "rounded_square",
+    "square",
     "star_convex",
     "support_gp",
     "wall",

@@ -15,6 +15,7 @@ from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
+from estimation.shape.reflection.blocks.find import with_columns
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, Choice, choose_shape
 from estimation.shape.reflection.faces.face import Face, face_choice, part_walls
@@ -253,6 +254,7 @@ def _final(
     for face in faces:
         if face.mirror < 0:
             found += [(*part, face.class_probability) for part in part_walls(face, face.scattered, search.points)]
+    found = with_columns(found, search.points.points, data, config)
     return CampaignFit(
         method="reflection",
         shapes=tuple(shape for shape, _, _ in found),
