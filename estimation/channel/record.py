@@ -66,6 +66,11 @@ class PathsInHall(Record):
         "height", unit="m", doc="of TX, receiver and ceiling above the floor; NaN: not shown"
     )
 
+    @property
+    def specular_probability(self) -> FloatArray:
+        """Probability (path,) of each path to be neither weak nor diffuse: the last class."""
+        return np.asarray(1 - self.class_probability[:, -1])
+
 
 @dataclass(frozen=True)
 class ChannelEstimate(Record):

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.hall.record import HallClass
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurement_vectors
 from estimation.laws.raised import PathHeights
@@ -170,8 +169,7 @@ def _specular_probability(estimate: ChannelEstimate) -> FloatArray:
     """Probability (path,) of each path to be specular, by its class in a hall that was read."""
     if estimate.hall is None:
         return np.full(len(estimate), 0.5)
-    weak = estimate.hall.class_probability[:, list(HallClass).index(HallClass.WEAK)]
-    return np.clip(1 - weak, *_CLASS_RIGHT)
+    return np.clip(estimate.hall.specular_probability, *_CLASS_RIGHT)
 
 
 def _paths_by_tx(

@@ -8,13 +8,12 @@ from scipy.integrate import quad_vec
 from scipy.stats import multivariate_normal
 
 from estimation.laws.plane import bounce, residual
-from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import OBJECT_KINDS, fit_kind
 from estimation.shape.kinds.mirror_wall import longer_wall, scattering_wall
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.faces import scattering
 from estimation.shape.reflection.faces.bends import fit_bend
-from estimation.shape.reflection.faces.face import Face, face_choice, part_walls
+from estimation.shape.reflection.faces.face import Face, part_walls
 from estimation.shape.reflection.faces.find import FaceSearch
 from estimation.shape.reflection.faces.parts import seen_parts
 from estimation.shape.reflection.faces.scattering import FaceLine, ScatteringPoints, along_face, scattering_places
@@ -23,32 +22,14 @@ from estimation.shape.reflection.objects import FoundObject
 from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.scenarios.reflections import (
     Errors,
-    TruePaths,
     closed_paths,
     edge_paths,
-    observe,
     observe_together,
     wall_paths,
 )
 from scenes.contours.smooth import Circle
 from scenes.record import concatenate
-
-SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
-WALL_ENDS = np.array([[-8.0, -6.0], [9.0, -6.0]])
-IN_WALL, BEFORE_WALL = [6.0, -6.02], [2.0, -5.0]
-
-
-def seen(true: TruePaths, seed: int, n: int) -> Reflections:
-    data, _ = observe(true, Errors(0.5), np.random.default_rng(seed))
-    return data.take("path", np.linspace(0, len(data) - 1, min(n, len(data))).astype(int))
-
-
-def wall() -> Reflections:
-    return seen(wall_paths(WALL_ENDS, np.random.default_rng(2)), 3, 20)
-
-
-def edge(at: list[float]) -> Reflections:
-    return seen(edge_paths(np.array(at), np.random.default_rng(4)), 5, 12)
+from tests.estimation.shape.made_paths import BEFORE_WALL, IN_WALL, SURE, WALL_ENDS, edge, seen, wall
 
 
 def scattered(places_m: np.ndarray, offset_m: float) -> Reflections:
@@ -204,16 +185,6 @@ def test_no_path_has_no_face() -> None:
     none = wall().take("path", [])
     found = FaceSearch([], none, none, SURE)
     assert found.run() == [] and found.standing([]) == []
-
-
-def test_scattering_is_evidence_for_the_wall_that_scatters() -> None:
-    choice = choose_shape(edge(BEFORE_WALL), SURE)
-    line = FaceLine(np.zeros(2), np.eye(2), np.zeros(2))
-    bend = fit_bend(np.arange(5.0), np.zeros(5), np.full(5, 0.01), 0.2)
-    for each, kind in ((line, "wall"), (line._replace(bend=bend), "arc")):
-        changed = face_choice(choice, Face(each, 0, (), np.zeros(0, int), 1e4))
-        assert changed.best_class == "wall" and changed.best.kind == kind
-        assert sum(changed.class_probability.values()) == pytest.approx(1.0)
 
 
 def test_a_bend_is_evident_on_a_curve_only() -> None:

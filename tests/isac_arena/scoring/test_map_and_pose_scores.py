@@ -17,7 +17,7 @@ from isac_arena.scoring.stages.maps import (
 from isac_arena.scoring.stages.poses import pose_metrics, score_poses, unknown_bound
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.scene import HorizontalPlane
-from sim.propagation.paths import BounceKind, empty_paths
+from sim.propagation.paths import BounceKind, empty_paths, with_bounce_slots
 
 
 def test_surface_distance_is_that_to_the_nearest_boundary(campaign):
@@ -81,6 +81,20 @@ def test_origin_knows_bounces_and_ignores_walls_passed(campaign):
     np.testing.assert_array_equal([*origin.vertex_m[5], origin.height_m[5]], paths.vertex_m[5, 1])
     assert np.isnan(origin.vertex_m[:2]).all()
     assert len(path_origin(empty_paths(["wall"], 0)).kind) == 0
+
+
+def test_by_way_of_the_floor_a_path_shows_its_upright_object_in_the_plan(campaign):
+    """Wall and floor: two bounces, one of them seen from above. Two walls show none, the floor alone itself."""
+    paths = campaign.truths[0].paths
+    names = np.append(paths.object_name, "floor")
+    floor, walls = len(names) - 1, np.flatnonzero(np.char.startswith(names, "wall"))
+    bounces = [[walls[0], floor], [floor, walls[1]], [walls[0], walls[1]], [floor, -1]]
+    kind = np.where(np.array(bounces) < 0, BounceKind.NONE, BounceKind.SPECULAR)
+    some = with_bounce_slots(paths.take("path", [2, 3, 4, 5]), 2)
+    origin = path_origin(replace(some, object_name=names, bounce_object=np.array(bounces), bounce_kind=kind))
+    assert origin.plan_object.tolist() == [names[walls[0]], names[walls[1]], "", "floor"]
+    assert origin.object.tolist() == ["", "", "", "floor"]
+    assert origin.kind.tolist() == [2, 2, 2, 1]
 
 
 def test_clusters_take_the_majority_object():

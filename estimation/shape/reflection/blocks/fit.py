@@ -42,7 +42,7 @@ class BlockModel:
 
 @dataclass(frozen=True)
 class BlockFit:
-    """The maximum of the posterior of a model, its covariance and evidence, and the shares of points that are on it."""
+    """The maximum of the posterior of a model, its covariance and evidence, and its share of every point."""
 
     value: FloatArray  # (parameter,)
     covariance: FloatArray
@@ -123,7 +123,10 @@ def _starts(model: BlockModel, points: SeenPoints) -> FloatArray:
         half = model.block(np.array([[0.0, 0.0, *np.log(size), turn]]))[0, 2:4]
         axes = axes * np.where(axes @ toward < 0, -1.0, 1.0)[:, None]
         place = points.position_m @ axes.T
-        front, inside = np.quantile(place, 0.85, axis=0) - half, np.mean(np.quantile(place, (0.05, 0.95), axis=0), axis=0)
+        front, inside = (
+            np.quantile(place, 0.85, axis=0) - half,
+            np.mean(np.quantile(place, (0.05, 0.95), axis=0), axis=0),
+        )
         flat = np.median(place, axis=0) - half
         for center in (front, [flat[0], inside[1]], [inside[0], flat[1]]):
             found.append([*(np.array(center) @ axes), *np.log(size), turn])

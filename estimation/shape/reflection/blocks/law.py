@@ -45,7 +45,9 @@ def log_block(block: FloatArray, points: SeenPoints, relief_m: float) -> FloatAr
         ends = (np.einsum("bna,ba->bn", end - center, normal) - depth for end in (points.tx_m, points.rx_m))
         is_seen = np.all([end > 0 for end in ends], axis=0)
         seen_m += np.where(is_seen, 2 * reach, 0.0)
-        total += np.where(is_seen, np.exp(-0.5 * across**2 / variance) / np.sqrt(2 * np.pi * variance) * on_face, 0)
+        total += np.where(
+            is_seen, np.exp(-0.5 * across**2 / variance) / np.sqrt(2 * np.pi * variance) * on_face, 0
+        )
     with np.errstate(divide="ignore"):
         return np.log(total) - np.log(np.maximum(seen_m, _TINY))
 
