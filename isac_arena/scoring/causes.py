@@ -138,7 +138,7 @@ def point_causes(is_inlier: BoolArray, ip_object: TextArray, kind: IntArray, pat
         [Cause.DOUBLE_BOUNCE.value, Cause.LINE_OF_SIGHT.value, path_cause],
         Cause.UNKNOWN.value,
     )
-    is_rejected = ~is_inlier & (ip_object != "")
+    is_rejected = ~is_inlier & (kind == PathKind.SINGLE_BOUNCE)
     return np.select([is_ghost, is_rejected], [named, Cause.REJECTED.value], Cause.NONE.value)
 
 

@@ -63,14 +63,16 @@ def choose_shape(
     """Fit every kind of object of the classes to the paths and weight the fits by their evidence.
 
     `shares` replaces the prior shares of kinds within their class. `known` are fits to the same paths under
-    another prior of the radius of a pillar: only pillars are fitted again, each from its fit. Raises `ValueError`
-    where there is no path or every fit failed.
+    another prior of the radius of a pillar: only pillars are fitted again, each from its fit. No body holds a
+    device. Raises `ValueError` where there is no path or every fit failed.
     """
     if len(data) == 0:
         raise ValueError("choose_shape: data holds 0 paths, at least one is needed")
     share = {kind: shares.get(kind, own) for name in classes for kind, own in CLASSES[name].items()}
     fits = {kind: _fit(data, kind, config, known.get(kind)) for kind in share}
     usable = {kind: fit.log_evidence + np.log(share[kind]) for kind, fit in fits.items() if fit.is_usable}
+    free = {kind: value for kind, value in usable.items() if not _holds_device(fits[kind], data)}
+    usable = free or usable
     if not usable:
         raise ValueError(f"choose_shape: no kind fits the {len(data)} paths; check the poses")
     total = np.logaddexp.reduce(list(usable.values()))
@@ -83,6 +85,14 @@ def _fit(data: Reflections, kind: str, config: ReflectionConfig, known: ShapeFit
     if known is None or not known.is_usable:
         return fit_kind(data, kind, config)
     return refit_kind(data, known, config) if kind in CLASSES["pillar"] else known
+
+
+def _holds_device(fit: ShapeFit, data: Reflections) -> bool:
+    """Whether a TX or a receiver of the paths is inside a closed contour: there is no such body."""
+    if not fit.is_closed:
+        return False
+    devices = shapely.points(np.concatenate([data.tx[:, :2], data.rx_state[:, :2]]))
+    return bool(shapely.contains(shapely.make_valid(shapely.Polygon(fit.contour_m)), devices).any())
 
 
 def _overlap(one: Any, other: Any) -> float:

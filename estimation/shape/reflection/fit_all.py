@@ -20,6 +20,7 @@ from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, Choice, choose_shape
 from estimation.shape.reflection.faces.face import Face, face_choice, part_walls
 from estimation.shape.reflection.faces.find import FaceSearch
+from estimation.shape.reflection.faces.points import FacePoints
 from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
@@ -234,7 +235,7 @@ def _final(
         pairs = zip(objects, parts, strict=True)
         noise = [object_noise(object_squares(each.kind, each.optimum, part)[0]) for each, part in pairs]
     parts = [_scaled(part, factor) for part, factor in zip(parts, noise, strict=True)]
-    choices, priors = _chosen(parts, of_wall, settings)
+    choices, priors = _chosen(parts, of_wall, search.points, settings)
     least = 1 / np.minimum(scale, 1.0)
     paths = _rescaled(paths, least)
     wider = [max(factor / float(np.prod(least)) ** (2 / 3), 1.0) for factor in noise]
@@ -266,14 +267,16 @@ def _final(
 
 
 def _chosen(
-    parts: Sequence[Reflections], of_wall: Mapping[int, Face], settings: ReflectionConfig
+    parts: Sequence[Reflections], of_wall: Mapping[int, Face], points: FacePoints, settings: ReflectionConfig
 ) -> tuple[list[Choice], list[ReflectionConfig | None]]:
     """The choice for every object, and the settings with the prior that the other pillars give, None without.
 
     What the face of a wall, `of_wall`, scatters is evidence for that wall.
     """
     choices = [choose_shape(part, settings) for part in steps(parts, "object")]
-    choices = [face_choice(choice, of_wall[k]) if k in of_wall else choice for k, choice in enumerate(choices)]
+    choices = [
+        face_choice(choice, of_wall[k], points) if k in of_wall else choice for k, choice in enumerate(choices)
+    ]
     priors: list[ReflectionConfig | None] = [None] * len(parts)
     if settings.pillars_resemble:
         alone = list(choices)

@@ -9,28 +9,42 @@ from estimation.shape.kinds.fit import OBJECT_KINDS
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.faces.bends import fit_bend
 from estimation.shape.reflection.faces.face import Face, face_choice
+from estimation.shape.reflection.faces.points import FacePoints
 from estimation.shape.reflection.faces.scattering import FaceLine, ScatteringPoints
 from estimation.shape.reflection.normals import oriented_points
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.scenarios.reflections import closed_paths
 from scenes.contours.smooth import Circle
 from tests.estimation.shape.made_paths import BEFORE_WALL, SURE, edge, seen, wall
 
 
+def face_points(data: Reflections) -> FacePoints:
+    return FacePoints(data, oriented_points(data), data.take("path", []), SURE)
+
+
 def test_scattering_is_evidence_for_the_wall_that_scatters() -> None:
     choice, line = choose_shape(edge(BEFORE_WALL), SURE), FaceLine(np.zeros(2), np.eye(2), np.zeros(2))
-    changed = face_choice(choice, Face(line, 0, (), np.zeros(0, int), 1e4))
+    changed = face_choice(choice, Face(line, 0, (), np.zeros(0, int), 1e4), face_points(edge(BEFORE_WALL)))
     assert changed.best_class == "wall" and changed.best.kind == "wall"
     assert sum(changed.class_probability.values()) == pytest.approx(1.0)
 
 
 def test_the_front_of_a_pillar_scatters_as_a_curved_wall_does() -> None:
-    pillar = seen(closed_paths(Circle((1.0, -3.0), 0.4), np.random.default_rng(6)), 7, 14)
-    choice, bend = choose_shape(pillar, SURE), fit_bend(np.arange(5.0), np.zeros(5), np.full(5, 0.01), 0.2)
+    """Points on the pillar are evidence for both, points elsewhere for the wall alone, as with a radius of 3 m."""
+    bend = fit_bend(np.arange(5.0), np.zeros(5), np.full(5, 0.01), 0.2)
     line = FaceLine(np.zeros(2), np.eye(2), np.zeros(2), bend=bend)
-    changed = face_choice(choice, Face(line, 0, (), np.zeros(0, int), 1e4))
-    assert changed.best_class == "pillar" and changed.class_probability["edge"] == 0
-    curved = choice.probability["arc"] + choice.class_probability["pillar"]
-    assert changed.class_probability["pillar"] == pytest.approx(choice.class_probability["pillar"] / curved)
+    for radius_m, on_it, is_pillar in ((0.4, True, True), (0.4, False, False), (3.0, True, False)):
+        body = Circle(np.array([1.0, -2.6 - radius_m]), radius_m)
+        data = seen(closed_paths(body, np.random.default_rng(6)), 7, 14)
+        choice, rows = choose_shape(data, SURE), np.arange(14)
+        points = face_points(data if on_it else edge([3.0, -2.0]))
+        changed = face_choice(choice, Face(line, 0, (), rows[: len(points.data)], 1e4), points)
+        assert (changed.class_probability["pillar"] > 0.5) == is_pillar
+        assert changed.class_probability["edge"] == 0
+        curved = choice.probability["arc"] + choice.class_probability["pillar"]
+        if is_pillar:
+            expected = choice.class_probability["pillar"] / curved
+            assert changed.class_probability["pillar"] == pytest.approx(expected)
 
 
 def test_a_wall_that_mirrors_goes_on_far_beyond_what_is_seen_of_it() -> None:

@@ -16,7 +16,7 @@ from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.blocks.law import SeenPoints, log_block, log_spot
 from scenes.record import FloatArray
 
-_N_TURNS, _N_BEST = 8, 3  # directions of the starts; starts that are descended from
+_N_TURNS, _N_BEST = 8, 1  # directions of the starts; starts that are descended from
 _OTHERS, _AROUND_M = 0.3, 1.0  # share of points of other origin; margin of the area where they are
 _STEP = 1e-4  # of the slopes, in m, rad and logarithms
 _PLATE_M, _SPOT_M = 0.05, 0.1  # half depth of plates; median spread of spots
@@ -36,8 +36,9 @@ class BlockModel:
     def log_prior(self, value: FloatArray, area_m2: float) -> FloatArray:
         """Log density (row,) of parameters (row, parameter)."""
         sizes = value[:, 2 : 2 + len(self.size_m)]
-        density = normal_log_density(sizes, np.log(self.size_m), np.array(self.log_std)).sum(axis=1)
-        return np.asarray(density - np.log(area_m2) - (np.log(self.turns_rad) if self.turns_rad else 0.0))
+        parts = zip(sizes.T, self.size_m, self.log_std, strict=True)
+        of_sizes = np.sum([normal_log_density(size, np.log(median), std) for size, median, std in parts], axis=0)
+        return np.asarray(of_sizes - np.log(area_m2) - (np.log(self.turns_rad) if self.turns_rad else 0.0))
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def fit_block(model: BlockModel, points: SeenPoints, config: ReflectionConfig) -
         return own, np.logaddexp(own, np.log(_OTHERS) - log_around)
 
     def log_posterior(value: FloatArray) -> FloatArray:
-        return terms(value)[1].sum(axis=1) + model.log_prior(value, config.area_m2)
+        return np.asarray(terms(value)[1].sum(axis=1) + model.log_prior(value, config.area_m2))
 
     def downhill(value: FloatArray) -> tuple[float, FloatArray]:
         step = _STEP * np.eye(len(value))

@@ -64,4 +64,5 @@ def _between(low: FloatArray, high: FloatArray) -> FloatArray:
     """Probability (...) of a standard normal value between two; exact in the tails too."""
     flip = low > 0
     low, high = np.where(flip, -high, low), np.where(flip, -low, high)
-    return np.where(high < 0, np.exp(log_ndtr(high)) - np.exp(log_ndtr(low)), ndtr(high) - ndtr(low))
+    inside = np.where(high < 0, np.exp(log_ndtr(high)) - np.exp(log_ndtr(low)), ndtr(high) - ndtr(low))
+    return np.asarray(inside)

@@ -15,6 +15,7 @@ from estimation.shape.reflection.posterior import Optimum
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _CHI2_MEDIAN = 0.455  # of 1 degree of freedom
+_PILLAR_STD = 3.0  # deviations of the prior of radii within which pillars are
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,18 @@ class Face:
         return bool(line.is_between(place_m) and behind_m < 0 and (behind_m + radius_m) ** 2 < ONE_GATE * variance)
 
 
-def face_choice(choice: Choice, face: Face) -> Choice:
+def face_choice(choice: Choice, face: Face, points: FacePoints) -> Choice:
     """The choice for the object that a face mirrors: what the face scatters is evidence for its kinds.
 
-    A flat face is that of a straight wall; a curved one that of a curved wall, or the front of a pillar.
+    A flat face is that of a straight wall; a curved one that of a curved wall, or the front of a body of the size
+    of a pillar that most of its points lie on.
     """
-    kinds = ("wall",) if face.line.bend is None else ("arc", *CLASSES["pillar"])
+    kinds = ["wall"] if face.line.bend is None else ["arc"]
+    if face.line.bend is not None:
+        bodies, config = {kind: choice.fits[kind] for kind in CLASSES["pillar"]}, points.config
+        largest_m = config.radius_median_m * np.exp(_PILLAR_STD * config.radius_log_std)
+        bodies = {kind: fit for kind, fit in bodies.items() if fit.is_usable and fit.extent_m < largest_m}
+        kinds += [kind for kind, fit in bodies.items() if points.on_body(fit, face.scattered)]
     with np.errstate(divide="ignore"):
         log = {kind: float(np.log(value)) for kind, value in choice.probability.items()}
     for kind in kinds:

@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from estimation.laws.contour import WALL, predict_reflection
 from estimation.laws.wall import wall_places
 from estimation.shape.config import ReflectionConfig
-from estimation.shape.reflection.association import GATE
+from estimation.shape.fit import ShapeFit
+from estimation.shape.reflection.association import GATE, ONE_GATE
 from estimation.shape.reflection.faces.bends import fit_bend
 from estimation.shape.reflection.faces.scattering import OBJECT_REACH_M, FaceLine, Places, scattering_places
 from estimation.shape.reflection.normals import OrientedPoints
@@ -17,6 +19,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 _TURNS = 60  # directions of the lines that are tried through an object
 _FIRST_STD = (0.02, 0.03)  # of the azimuth in rad and of the offset in m of such a line
 _FIT_STEPS = 5
+_TINY = 1e-18
 _CLEAR_M = 0.3  # of both ends of a line of sight from a line that it crosses
 
 
@@ -50,6 +53,18 @@ class FacePoints:
     def squares(self, line: FaceLine, rows: IntArray) -> FloatArray:
         """Squared distances (path,) of points from the line over their variances."""
         return np.asarray(line.away_m(self.points.position_m[rows]) ** 2 / self.across_m2(line, rows))
+
+    def on_body(self, fit: ShapeFit, rows: IntArray) -> bool:
+        """Whether most points (path,) lie on a closed contour, within their errors and its own."""
+        outline, point = shapely.LinearRing(fit.contour_m), shapely.points(self.points.position_m[rows])
+        nearest = shapely.get_coordinates(
+            shapely.line_interpolate_point(outline, shapely.line_locate_point(outline, point))
+        )
+        away = self.points.position_m[rows] - nearest
+        distance2 = np.sum(away**2, axis=1)
+        own = np.einsum("na,nab,nb->n", away, self.points.covariance_m2[rows], away) / np.maximum(distance2, _TINY)
+        variance = own + np.median(fit.std_m) ** 2 + self.config.wall_relief_m**2
+        return bool(np.mean(distance2 < ONE_GATE * variance) > 0.5) if len(rows) else True
 
     def crossings(self, line: FaceLine, rows: IntArray) -> tuple[BoolArray, FloatArray]:
         """Whether paths (path,) with points clear of the line cross it on both ways, and where (way, path)."""
