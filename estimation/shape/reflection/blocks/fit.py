@@ -1,7 +1,7 @@
 """Models of a group of points - a column, a box, a plate, a spot - and their evidence by Laplace's method.
 
 A column is a square block of the size of a pillar, a box any block, a plate a thin one, a spot a corner or what
-else is small. All have points of other origin: few, anywhere in the area.
+else is small. Some of the points are of other origin, anywhere about the group.
 """
 
 from collections.abc import Callable
@@ -19,6 +19,7 @@ from scenes.record import FloatArray
 _N_TURNS, _N_BEST = 8, 1  # directions of the starts; starts that are descended from
 _OTHERS, _AROUND_M = 0.3, 1.0  # share of points of other origin; margin of the area where they are
 _STEP = 1e-4  # of the slopes, in m, rad and logarithms
+_LIMITS_M = (1e-3, 30.0)  # of sizes
 _PLATE_M, _SPOT_M = 0.05, 0.1  # half depth of plates; median spread of spots
 # Median and deviation of the logarithm of half the sides of boxes and plates, of the spread of spots.
 _BOX_M, _BOX_LOG_STD, _PLATE_LENGTH_M, _PLATE_LOG_STD, _SPOT_LOG_STD = 0.5, 0.6, 1.2, 0.7, 1.0
@@ -56,17 +57,17 @@ def block_models(config: ReflectionConfig) -> dict[str, BlockModel]:
     side, std = config.radius_median_m, config.radius_log_std
 
     def square(value: FloatArray) -> FloatArray:
-        return np.column_stack([value[:, :2], np.exp(value[:, [2, 2]]), value[:, 3]])
+        return np.column_stack([value[:, :2], _sizes_m(value[:, [2, 2]]), value[:, 3]])
 
     def box(value: FloatArray) -> FloatArray:
-        return np.column_stack([value[:, :2], np.exp(value[:, 2:4]), value[:, 4]])
+        return np.column_stack([value[:, :2], _sizes_m(value[:, 2:4]), value[:, 4]])
 
     def plate(value: FloatArray) -> FloatArray:
         thin = np.full(len(value), _PLATE_M)
-        return np.column_stack([value[:, :2], np.exp(value[:, 2]), thin, value[:, 3]])
+        return np.column_stack([value[:, :2], _sizes_m(value[:, 2]), thin, value[:, 3]])
 
     def spot(value: FloatArray) -> FloatArray:
-        return np.column_stack([value[:, :2], np.exp(value[:, 2])])
+        return np.column_stack([value[:, :2], _sizes_m(value[:, 2])])
 
     return {
         "column": BlockModel((side,), (std,), np.pi / 2, square),
@@ -74,6 +75,11 @@ def block_models(config: ReflectionConfig) -> dict[str, BlockModel]:
         "box": BlockModel((_BOX_M, _BOX_M), (_BOX_LOG_STD, _BOX_LOG_STD), np.pi / 2, box),
         "plate": BlockModel((_PLATE_LENGTH_M,), (_PLATE_LOG_STD,), np.pi, plate),
     }
+
+
+def _sizes_m(log_size: FloatArray) -> FloatArray:
+    """Sizes from their logarithms; a step of the search that goes astray ends at limits."""
+    return np.exp(np.clip(log_size, *np.log(_LIMITS_M)))
 
 
 def fit_block(model: BlockModel, points: SeenPoints, config: ReflectionConfig) -> BlockFit | None:
