@@ -1,29 +1,18 @@
 """Merged clusters are split by the reflection law, ghosts are unassigned."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from estimation.shape.config import ReflectionConfig
-from estimation.shape.reflection.association import GHOST, split_cluster
-from estimation.shape.reflection.reflections import Reflections
-from isac_arena.validation.scenarios.reflections import (
-    Errors,
-    TruePaths,
-    closed_paths,
-    edge_paths,
-    observe,
-    wall_paths,
-)
+from estimation.shape.reflection.association import GHOST, GroupFits, split_cluster
+from estimation.shape.reflection.objects import refit_objects
+from isac_arena.validation.scenarios.reflections import Errors, closed_paths, edge_paths, observe, wall_paths
 from scenes.contours.smooth import Circle
 from scenes.record import concatenate
+from tests.estimation.shape.made_paths import SURE, seen, wall
 
-SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
 RAIL = np.array([[-6.0, -5.6], [0.6, -5.4]])
 PILLAR = Circle(np.array([1.0, -5.4]), 0.4)
-
-
-def seen(true: TruePaths, seed: int, n: int) -> Reflections:
-    data, _ = observe(true, Errors(0.5), np.random.default_rng(seed))
-    return data.take("path", np.linspace(0, len(data) - 1, min(n, len(data))).astype(int))
 
 
 def test_pillar_that_touches_a_rail_is_split_off() -> None:
@@ -56,3 +45,14 @@ def test_nothing_but_ghosts_is_no_object() -> None:
     assert found.kind == ()
     assert np.all(found.label == GHOST)
     assert split_cluster(data.take("path", []), SURE).kind == ()
+
+
+def test_of_two_paths_of_a_stop_the_precise_one_is_that_of_an_object() -> None:
+    """Vague paths agree as well with a wall, by way of the floor or diffuse: they are not taken for its own."""
+    precise = wall()
+    vague = replace(precise, covariance=400 * precise.covariance)
+    data = concatenate([vague, precise], "path")
+    own = np.arange(len(precise), 2 * len(precise))
+    (found,) = refit_objects(GroupFits(data, SURE), [own], 4)
+    assert found.kind == "wall"
+    np.testing.assert_array_equal(found.paths, own)
