@@ -18,14 +18,14 @@ N_ALL = 5  # parameters of a path with elevations
 def hall_estimates(
     estimates: Sequence[ChannelEstimate], link: HallLink, given: GivenHeights, rows: IntArray
 ) -> HallEstimates:
-    """The hall of a campaign, read at the stops in these `rows`, and the paths of all stops in it."""
+    """The hall of a campaign, read at the stops in these `rows`, and the paths of all stops that have any."""
     stops = np.array([estimate.stop for estimate in estimates], int)
     STEPS.info("versions of paths by floor and ceiling")
     with one_blas_thread():
         model = read_hall([estimates[row] for row in rows], link, given)
         if model is None:
             return no_hall(stops)
-        parts = [_stop_paths(*in_hall(estimate, model, link)) for estimate in estimates]
+        parts = [_stop_paths(*in_hall(estimate, model, link)) for estimate in estimates if len(estimate)]
     return HallEstimates(concatenate(parts, "path"), stops, model)
 
 

@@ -155,8 +155,10 @@ def test_the_paths_of_a_campaign_come_back_in_order_of_delay() -> None:
     truth = synthetic_hall(np.random.default_rng(3), HEIGHTS, link)
     estimates = with_correlated_versions(truth, np.random.default_rng(7))
     given = GivenHeights(HEIGHTS.tx_m, HEIGHTS.rx_m, 0.01)
-    hall = hall_estimates(estimates, link, given, np.arange(3))
+    silent = replace(estimates[0].take("path", []), stop=99)
+    hall = hall_estimates([estimates[0], silent, *estimates[1:]], link, given, np.array([0, 2, 3]))
     assert hall.model is not None
+    assert len(hall.applied(silent)) == 0
     for estimate in estimates:
         applied = hall.applied(estimate)
         assert (np.diff(applied.delay_s) >= 0).all()
