@@ -16,7 +16,7 @@ from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.blocks.law import SeenPoints, log_block, log_spot
 from scenes.record import FloatArray
 
-_N_TURNS, _N_BEST = 8, 1  # directions of the starts; starts that are descended from
+_N_TURNS = 8  # directions of the starts
 _OTHERS, _AROUND_M = 0.3, 1.0  # share of points of other origin; margin of the area where they are
 _STEP = 1e-4  # of the slopes, in m, rad and logarithms
 _LIMITS_M = (1e-3, 30.0)  # of sizes
@@ -102,8 +102,7 @@ def fit_block(model: BlockModel, points: SeenPoints, config: ReflectionConfig) -
         return -float(found[0]), -(found[1 : n + 1] - found[n + 1 :]) / (2 * _STEP)
 
     starts = _starts(model, points)
-    best = starts[np.argsort(-log_posterior(starts))[:_N_BEST]]
-    found = min((minimize(downhill, start, jac=True, method="BFGS") for start in best), key=lambda each: each.fun)
+    found = minimize(downhill, starts[np.argmax(log_posterior(starts))], jac=True, method="BFGS")
     n = len(found.x)
     step = 10 * _STEP * np.eye(n)
     pairs = np.concatenate([found.x + step, found.x - step])

@@ -62,25 +62,34 @@ class Face:
 
 
 def face_choice(choice: Choice, face: Face, points: FacePoints) -> Choice:
-    """The choice for the object that a face mirrors: what the face scatters is evidence for its kinds.
-
-    A flat face is that of a straight wall; a curved one that of a curved wall, or the front of a body of the size
-    of a pillar that most of its points lie on.
-    """
-    kinds = ["wall"] if face.line.bend is None else ["arc"]
-    if face.line.bend is not None:
-        bodies, config = {kind: choice.fits[kind] for kind in CLASSES["pillar"]}, points.config
-        largest_m = config.radius_median_m * np.exp(_PILLAR_STD * config.radius_log_std)
-        bodies = {kind: fit for kind, fit in bodies.items() if fit.is_usable and fit.extent_m < largest_m}
-        kinds += [kind for kind, fit in bodies.items() if points.on_body(fit, face.scattered)]
+    """The choice for the object that a face mirrors: what the face scatters is evidence for its kinds."""
     with np.errstate(divide="ignore"):
         log = {kind: float(np.log(value)) for kind, value in choice.probability.items()}
-    for kind in kinds:
+    for kind in _kinds(choice, face, points):
         log[kind] += face.gain
     total = np.logaddexp.reduce(list(log.values()))
     probability = {kind: float(np.exp(value - total)) for kind, value in log.items()}
     by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in choice.class_probability}
     return replace(choice, probability=probability, class_probability=by_class)
+
+
+def _kinds(choice: Choice, face: Face, points: FacePoints) -> list[str]:
+    """Kinds of objects with such a face: a flat one is that of a straight wall.
+
+    A curved one is that of a curved wall, or the front of a body of the size of a pillar that most of its points
+    lie on.
+    """
+    if face.line.bend is None:
+        return ["wall"]
+    config = points.config
+    largest_m = config.radius_median_m * np.exp(_PILLAR_STD * config.radius_log_std)
+    bodies = {kind: choice.fits[kind] for kind in CLASSES["pillar"]}
+    fronts = [
+        kind
+        for kind, fit in bodies.items()
+        if fit.is_usable and fit.extent_m < largest_m and points.on_body(fit, face.scattered)
+    ]
+    return ["arc", *fronts]
 
 
 def part_walls(
