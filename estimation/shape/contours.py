@@ -9,7 +9,8 @@ from estimation.shape.record import Contours
 from estimation.shape.reflection.fit_all import fit_campaign
 from estimation.shape.reflection.paths import campaign_paths
 from estimation.shape.reflection.rows import contour_record, no_contours
-from estimation.slam.config import PathNoise
+from estimation.shape.set_up import common_errors, with_set_up, without_set_up
+from estimation.slam.config import Consider, PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.transmitters import AnyTx, Transmitters
 from scenes.record import IntArray
@@ -24,12 +25,14 @@ def estimate_contours(
     noise: PathNoise,
     config: ContourConfig,
     heights: Sequence[PathHeights] = (),
+    consider: Consider | None = None,
 ) -> Contours:
     """One contour per object, by the method of the settings.
 
     `label` (ip,) are the clusters of the shapes of the paper. They are the objects of the methods for points;
     the record names the cluster of each object. `heights` of all paths, where they are known and elevations are
-    not, tell places on floor and ceiling from objects.
+    not, tell places on floor and ceiling from objects. `consider` are errors of the set-up that the covariances of
+    poses of SLAM include.
     """
     if config.method == "none":
         return no_contours(len(ips), len(poses.stop))
@@ -40,6 +43,7 @@ def estimate_contours(
         from estimation.shape.points.contours import fit_point_contours  # noqa: PLC0415  (slow to import)
 
         return fit_point_contours(ips, label, tx_pose, poses, config)
-    paths = campaign_paths(channel, tx_pose, poses, ips, noise, config, heights)
-    fit = fit_campaign(paths, config)
-    return contour_record(fit, label, len(ips))
+    common = common_errors(poses, consider)
+    shown = without_set_up(poses, tx_pose, common)
+    fit = fit_campaign(campaign_paths(channel, tx_pose, shown, ips, noise, config, heights), config)
+    return with_set_up(contour_record(fit, label, len(ips)), tx_pose, common)

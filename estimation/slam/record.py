@@ -119,6 +119,11 @@ class PoseEstimates(Record):
         """Number of TX that have a clock bias."""
         return self.size("tx")
 
+    @property
+    def is_given(self) -> bool:
+        """Whether all states that are known were given: none is of SLAM."""
+        return bool(np.isin(self.status, (SolveStatus.GIVEN, SolveStatus.FAILED)).all())
+
     def of_tx(self, tx: int) -> Self:
         """The states with the clock bias against one TX, as of that TX alone."""
         if self.n_tx == 1:

@@ -65,14 +65,12 @@ def campaign_paths(
     direct = np.setdiff1d(np.arange(len(every)), bounce)
     upright = np.flatnonzero(~is_level(ips, _device_heights_m(tx_pose, poses)))
     bounces, los = every.take("path", bounce[upright]), every.take("path", direct)
-    solved = poses.status != SolveStatus.FAILED
-    is_given = bool(np.all(poses.status[solved] == SolveStatus.GIVEN))
     if poses.n_tx > 1:
-        widening = 1.0 if is_given else config.slam_widening
+        widening = 1.0 if poses.is_given else config.slam_widening
         every_tx = transmitters_of(tx_pose)
         return _of_several_tx(bounces, los, every_tx, poses.stop, widening, config.reflection, upright)
     sessions = los_sessions(los, transmitters_of(tx_pose).poses[0], poses.stop)
-    if is_given:
+    if poses.is_given:
         joined = [replace(data, session=sessions.of_stop[stop_rows(data, poses.stop)]) for data in (bounces, los)]
         unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
         return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection, upright)

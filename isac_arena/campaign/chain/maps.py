@@ -167,7 +167,10 @@ def with_shapes(
     mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
     ends = () if heights is None else heights.of_paths(channel)
     channel = seen_from_above(channel, poses.tx_clock_bias_s, heights)
-    contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours, ends)
+    common = None if config.functions.of("slam") else config.slam.consider
+    contours = estimate_contours(
+        channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours, ends, common
+    )
     return MapResult(poses, every, shapes, contours)
 
 

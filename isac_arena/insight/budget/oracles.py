@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate
+from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate, PathMotion, PathsInHall
 from estimation.slam.record import IncidencePoints
 from isac_arena.scoring.record import PathKind
 from isac_arena.scoring.true_stop import TrueStop
@@ -49,9 +49,11 @@ def typical_covariance(estimates: Sequence[ChannelEstimate], fallback: FloatArra
 def with_true_detection(paths: TracedPaths, stop: TrueStop, covariance: FloatArray) -> TracedPaths:
     """Exactly the significant paths: others are removed, missed ones added with their true parameters.
 
-    Added paths have the given covariance (parameter, parameter) and are not marked as line of sight.
+    Added paths have the given covariance (parameter, parameter), are not marked as line of sight, stand still, and
+    have any class in a hall. Errors that paths share are not told.
     """
-    kept = paths.take(np.isin(paths.true_path, stop.significant))
+    alone = replace(paths, estimate=replace(paths.estimate, correlated=None, pointing=None))
+    kept = alone.take(np.isin(paths.true_path, stop.significant))
     missed = np.setdiff1d(stop.significant, kept.true_path)
     if not len(missed):
         return kept
@@ -123,6 +125,19 @@ def _true_estimate(
         aod_angle_kind=like.aod_angle_kind,
         aoa_angle_kind=like.aoa_angle_kind,
         method=like.method,
+        motion=None if like.motion is None else PathMotion(np.zeros(n, bool), np.zeros(n), unknown, np.zeros(n)),
+        hall=None if like.hall is None else _any_class(like.hall, n),
+    )
+
+
+def _any_class(hall: PathsInHall, n: int) -> PathsInHall:
+    """Paths of which a hall tells nothing."""
+    kinds, versions = hall.size("class"), hall.size("version")
+    return PathsInHall(
+        class_probability=np.full((n, kinds), 1 / kinds),
+        version_probability=np.full((n, versions), 1 / versions),
+        tied_probability=np.zeros(n),
+        heights_m=hall.heights_m,
     )
 
 

@@ -3,7 +3,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from estimation.channel.record import check_estimate
+from estimation.channel.correlation import CorrelatedPaths, PointingErrors
+from estimation.channel.record import PathMotion, PathsInHall, check_estimate
 from estimation.slam.mapping.incidence_points import map_stops
 from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.insight.budget.oracles import (
@@ -41,6 +42,26 @@ def test_detection_keeps_found_paths_drops_false_ones_and_adds_missed_ones(trace
     assert (np.abs(error[~added]) > 0).all()
     np.testing.assert_array_equal(found.estimate.covariance[added][0], np.diag(STD**2))
     assert not found.estimate.is_los[added].any()
+
+
+def test_added_paths_have_what_an_estimate_tells_of_its_paths(traced):
+    paths, stop = traced
+    n, size = len(paths.estimate), paths.estimate.size("parameter")
+    told = replace(
+        paths.estimate,
+        motion=PathMotion(np.ones(n, bool), np.ones(n), np.ones(n), np.zeros(n)),
+        hall=PathsInHall(np.eye(4)[np.zeros(n, int)], np.eye(5)[np.zeros(n, int)], np.ones(n), np.ones(3)),
+        correlated=CorrelatedPaths(np.array([0]), np.array([1]), np.ones((1, size, size))),
+        pointing=PointingErrors(np.ones((n, size, size))),
+    )
+    found = with_true_detection(TracedPaths(told, paths.true_path), stop, np.diag(STD**2))
+    plain = with_true_detection(paths, stop, np.diag(STD**2))
+    np.testing.assert_array_equal(parameters(found.estimate), parameters(plain.estimate))
+    added = ~np.isin(found.true_path, paths.true_path)
+    np.testing.assert_allclose(found.estimate.hall.class_probability[added], 0.25)
+    np.testing.assert_array_equal(found.estimate.hall.class_probability[~added, 0], 1.0)
+    assert added.any() and not found.estimate.motion.is_moving[added].any()
+    assert found.estimate.motion.is_moving[~added].all()
 
 
 def test_geometry_is_exact_where_there_is_truth_and_as_estimated_elsewhere(traced):

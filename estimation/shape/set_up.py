@@ -1,0 +1,52 @@
+"""Errors of the set-up that no path shows: those of the poses of SLAM are common to all, and so to all contours.
+
+A pointing error of the TX turns poses and contours together about the TX, and an error of its place shifts them.
+Contours are fitted without these errors, then their bands include them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.shape.record import Contours
+from estimation.slam.config import Consider
+from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.transmitters import AnyTx, transmitters_of
+from scenes.record import FloatArray
+
+
+def common_errors(poses: PoseEstimates, consider: Consider | None) -> Consider:
+    """The errors that all contours share; none at given poses, where the paths show them."""
+    return Consider() if consider is None or poses.is_given else consider
+
+
+def without_set_up(poses: PoseEstimates, tx: AnyTx, consider: Consider) -> PoseEstimates:
+    """The poses with covariances of what their paths show; those that are given stay as they are."""
+    common = consider.covariance(poses.position_m - transmitters_of(tx).rows[0, :2])
+    covariance = poses.covariance.copy()
+    covariance[:, :4, :4] -= np.where((poses.status == SolveStatus.GIVEN)[:, None, None], 0.0, common)
+    return replace(poses, covariance=covariance)
+
+
+def with_set_up(contours: Contours, tx: AnyTx, consider: Consider) -> Contours:
+    """The contours with bands that include the errors of the set-up, across the contour.
+
+    A contour of one point has the mean over all directions.
+    """
+    contour = contours.contour_m
+    common = consider.covariance(contour - transmitters_of(tx).rows[0, :2])[..., :2, :2]
+    normal = _normals(contour, contours.is_closed)
+    across = np.einsum("csi,csij,csj->cs", normal, common, normal)
+    is_point = ~normal.any(axis=2)
+    across[is_point] = np.trace(common, axis1=2, axis2=3)[is_point] / 2
+    return replace(contours, std_m=np.sqrt(contours.std_m**2 + across))
+
+
+def _normals(contour_m: FloatArray, is_closed: FloatArray) -> FloatArray:
+    """Unit normals (contour, sample, xy) of contours, zero where neighbouring samples are one point."""
+    before, after = np.roll(contour_m, 1, axis=1), np.roll(contour_m, -1, axis=1)
+    before[~is_closed, 0], after[~is_closed, -1] = contour_m[~is_closed, 0], contour_m[~is_closed, -1]
+    along = after - before
+    length = np.linalg.norm(along, axis=2, keepdims=True)
+    unit = along / np.where(length > 0, length, 1.0)
+    return np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
