@@ -28,17 +28,18 @@ LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD = 1.0, 0.5  # prior of the line, which i
 
 
 class DepthKernel(NamedTuple):
-    """Covariance of the depth: a Matern kernel plus the unknown offset and azimuth of the line."""
+    """Covariance of the depth: a Matern kernel plus what is unknown of offset and azimuth of the line."""
 
     std_m: float
     length_m: float
     is_rough: bool  # of order 1/2, else 3/2
     curvature_std_per_m: float = 0.0  # of a parabola beside
+    line_std: tuple[float, float] = (LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD)
 
     def between(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray:
         """Covariance (a, b) of the depths at two sets of places."""
         distance = np.abs(a_m[:, None] - b_m) / self.length_m
-        line = LINE_OFFSET_STD_M**2 + LINE_AZIMUTH_STD_RAD**2 * a_m[:, None] * b_m
+        line = self.line_std[0] ** 2 + self.line_std[1] ** 2 * a_m[:, None] * b_m
         line += (self.curvature_std_per_m / 2) ** 2 * a_m[:, None] ** 2 * b_m**2
         if self.is_rough:
             return np.asarray(self.std_m**2 * np.exp(-distance) + line)
@@ -117,7 +118,7 @@ def fit_kernel(points: DepthPoints, at_m: FloatArray, kernel: DepthKernel) -> De
     n = len(points.depth_m)
     log_likelihood = -0.5 * (points.depth_m @ solved + log_determinant + n * np.log(2 * np.pi))
     whitened = solve_triangular(factor, cross, lower=True)
-    prior = kernel.std_m**2 + LINE_OFFSET_STD_M**2 + (LINE_AZIMUTH_STD_RAD * at_m) ** 2
+    prior = kernel.std_m**2 + kernel.line_std[0] ** 2 + (kernel.line_std[1] * at_m) ** 2
     prior += (kernel.curvature_std_per_m / 2 * at_m**2) ** 2
     return DepthPosterior(
         float(log_likelihood), cross.T @ solved, np.maximum(prior - np.sum(whitened**2, axis=0), 0.0)

@@ -14,6 +14,7 @@ from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights, seen_from_above
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.mapping.noise import with_learned_noise
+from estimation.slam.pointing import with_array_pointing
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import is_spatial
@@ -134,7 +135,8 @@ def _located(
                 "slam", function, list(channel), tx_pose, heights
             )
             return found
-        return locate_and_map(channel, tx_pose, config.slam, trajectory, config.mapping, heights)
+        slam = config.slam.model_copy(update={"consider": with_array_pointing(config.slam.consider, channel)})
+        return locate_and_map(channel, tx_pose, slam, trajectory, config.mapping, heights)
     if function := config.functions.of("mapping"):
         return receiver, called("mapping", function, list(channel), tx_pose, receiver)
     seen = seen_from_above(channel, receiver.tx_clock_bias_s, heights)
@@ -167,7 +169,7 @@ def with_shapes(
     mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
     ends = () if heights is None else heights.of_paths(channel)
     channel = seen_from_above(channel, poses.tx_clock_bias_s, heights)
-    common = None if config.functions.of("slam") else config.slam.consider
+    common = None if config.functions.of("slam") else with_array_pointing(config.slam.consider, channel)
     contours = estimate_contours(
         channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours, ends, common
     )

@@ -10,6 +10,7 @@ from estimation.shape.reflection.association import ONE_GATE
 from estimation.shape.reflection.choice import CLASSES, Choice
 from estimation.shape.reflection.faces.bends import bent_wall
 from estimation.shape.reflection.faces.points import FacePoints
+from estimation.shape.reflection.faces.relief import with_relief
 from estimation.shape.reflection.faces.scattering import PATH_REACH_M, FaceLine
 from estimation.shape.reflection.posterior import Optimum
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -108,7 +109,8 @@ def part_walls(
         line = FaceLine(mirrored.parameter[:2], covariance, line.seen_m)
         if len(face.parts_m) == 1 and face.line.is_between(mirrored.parameter[2:]).all():
             places = points.places(line, face.scattered)
-            return [(longer_wall(mirrored, places.place_m, places.variance_m2), rows)]
+            whole = longer_wall(mirrored, places.place_m, places.variance_m2)
+            return [(_with_relief(whole, line, face, rows, rows, points), rows)]
     places = points.places(line, rows)
     outside = np.maximum(face.parts_m[:, :1] - places.place_m, places.place_m - face.parts_m[:, 1:])
     is_seen, found = face.line.is_between(places.place_m), []
@@ -118,5 +120,18 @@ def part_walls(
         shape = scattering_wall(line.parameter, covariance, own.place_m, own.variance_m2, log_evidence)
         if line.bend is not None:
             shape = bent_wall(shape, line, scale, relief_m)
+        elif mirrored is not None:
+            shape = _with_relief(shape, line, face, rows, rows[part == k], points)
         found.append((shape, rows[part == k]))
     return found
+
+
+def _with_relief(
+    wall: ShapeFit, line: FaceLine, face: Face, rows: IntArray, own: IntArray, points: FacePoints
+) -> ShapeFit:
+    """The wall of some paths, `own` among all `rows` of its face, with the relief that those scattered show."""
+    mirrored, seen = np.setdiff1d(rows, face.scattered), np.intersect1d(own, face.scattered)
+    place_m, away_m = points.places_m(line, seen), line.away_m(points.points.position_m[seen])
+    return with_relief(
+        wall, line, points.places_m(line, mirrored), place_m, away_m, points.across_m2(line, seen)
+    )
