@@ -1,7 +1,7 @@
 """Choice by evidence of the kind of object: wall, edge point or pillar, and which closed contour."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -51,6 +51,26 @@ class Choice:
             return sum(self.probability[other] * _overlap(areas[kind], areas[other]) for other in kinds)
 
         return self.fits[max(kinds, key=expected)]
+
+
+def averaged_band(shape: ShapeFit, choice: Choice) -> ShapeFit:
+    """The closed contour of the chosen kind with a band over all kinds of its class, by their probabilities.
+
+    Contours are sampled at the same normals: the support functions of two kinds differ across the contour.
+    """
+    kinds = [kind for kind in CLASSES["pillar"] if choice.probability[kind] > 0 and choice.fits[kind].is_usable]
+    if not shape.is_closed or shape.kind not in kinds:
+        return shape
+    share = np.array([choice.probability[kind] for kind in kinds])
+    psi = np.linspace(-np.pi, np.pi, len(shape.contour_m), endpoint=False)
+    normal, own = np.column_stack([np.cos(psi), np.sin(psi)]), choice.fits[shape.kind]
+    variance = [
+        shape.std_m**2
+        if kind == shape.kind
+        else fit.std_m**2 + np.sum(normal * (fit.contour_m - own.contour_m), axis=1) ** 2
+        for kind, fit in ((kind, choice.fits[kind]) for kind in kinds)
+    ]
+    return replace(shape, std_m=np.sqrt(share @ np.array(variance) / share.sum()))
 
 
 def choose_shape(

@@ -17,7 +17,7 @@ from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.blocks.find import with_columns
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
-from estimation.shape.reflection.choice import CLASSES, Choice, choose_shape
+from estimation.shape.reflection.choice import CLASSES, Choice, averaged_band, choose_shape
 from estimation.shape.reflection.faces.face import Face, face_choice, part_walls
 from estimation.shape.reflection.faces.find import FaceSearch
 from estimation.shape.reflection.faces.points import FacePoints
@@ -251,7 +251,8 @@ def _final(
         walls, face = [(shape, objects[k].paths[inlier > _LIKELY])], of_wall.get(k)
         if face is not None and shape.kind in CLASSES["wall"]:
             walls = part_walls(face, np.union1d(walls[0][1], face.scattered), search.points, shape)
-        found += [(*part, list(choices[k].class_probability.values())) for part in walls]
+        probability = list(choices[k].class_probability.values())
+        found += [(averaged_band(part, choices[k]), own, probability) for part, own in walls]
     for face in faces:
         if face.mirror < 0:
             found += [(*part, face.class_probability) for part in part_walls(face, face.scattered, search.points)]
