@@ -12,7 +12,7 @@ from estimation.shape.record import Contours
 from estimation.slam.config import Consider
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.transmitters import AnyTx, transmitters_of
-from scenes.record import FloatArray
+from scenes.record import BoolArray, FloatArray
 
 
 def common_errors(poses: PoseEstimates, consider: Consider | None) -> Consider:
@@ -21,10 +21,16 @@ def common_errors(poses: PoseEstimates, consider: Consider | None) -> Consider:
 
 
 def without_set_up(poses: PoseEstimates, tx: AnyTx, consider: Consider) -> PoseEstimates:
-    """The poses with covariances of what their paths show; those that are given stay as they are."""
+    """The poses with covariances of what their paths show.
+
+    Those that are given, and those whose covariance does not include the errors, stay as they are.
+    """
     common = consider.covariance(poses.position_m - transmitters_of(tx).rows[0, :2])
     covariance = poses.covariance.copy()
-    covariance[:, :4, :4] -= np.where((poses.status == SolveStatus.GIVEN)[:, None, None], 0.0, common)
+    rest = covariance[:, :4, :4] - common
+    known = np.nan_to_num(rest[:, :3, :3])
+    includes = (poses.status != SolveStatus.GIVEN) & (np.linalg.eigvalsh(known)[:, 0] >= 0)
+    covariance[includes, :4, :4] = rest[includes]
     return replace(poses, covariance=covariance)
 
 
@@ -42,7 +48,7 @@ def with_set_up(contours: Contours, tx: AnyTx, consider: Consider) -> Contours:
     return replace(contours, std_m=np.sqrt(contours.std_m**2 + across))
 
 
-def _normals(contour_m: FloatArray, is_closed: FloatArray) -> FloatArray:
+def _normals(contour_m: FloatArray, is_closed: BoolArray) -> FloatArray:
     """Unit normals (contour, sample, xy) of contours, zero where neighbouring samples are one point."""
     before, after = np.roll(contour_m, 1, axis=1), np.roll(contour_m, -1, axis=1)
     before[~is_closed, 0], after[~is_closed, -1] = contour_m[~is_closed, 0], contour_m[~is_closed, -1]

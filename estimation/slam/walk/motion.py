@@ -9,15 +9,26 @@ import numpy as np
 from estimation.execution import compiled
 from estimation.laws.plane import wrapped
 from estimation.slam.config import TrajectoryConfig
-from scenes.record import FloatArray
+from scenes.record import BoolArray, FloatArray
 
 _DRIFT_FREEDOM = 2.0
+_LEAP = 3.0  # usual steps from the middle of its neighbours: a walk that turns back is one step off
+_LEAST_STEPS = 4  # of a walk: of fewer none is usual
 
 
 def course_of(state: FloatArray) -> FloatArray:
     """Unit vectors (stop - 2, 2) from the stop before to the stop after; zero where these coincide."""
     step = state[2:, :2] - state[:-2, :2]
     return np.asarray(step / np.maximum(np.hypot(*step.T), 1e-9)[:, None])
+
+
+def leaps(state: FloatArray) -> BoolArray:
+    """Stops (stop,) far from the middle of their neighbours, for the steps of their walk (stop, state)."""
+    is_far, step = np.zeros(len(state), bool), np.hypot(*np.diff(state[:, :2], axis=0).T)
+    if len(step) >= _LEAST_STEPS:
+        off = np.hypot(*(state[:-2, :2] - 2 * state[1:-1, :2] + state[2:, :2]).T) / 2
+        is_far = np.concatenate([step[:1], off, step[-1:]]) > _LEAP * np.median(step)
+    return is_far
 
 
 def motion_cost(state: FloatArray, course: FloatArray, config: TrajectoryConfig) -> float:

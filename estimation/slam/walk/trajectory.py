@@ -21,7 +21,7 @@ from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
 from estimation.slam.walk.alternation import smooth_walk
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes, with_places
-from estimation.slam.walk.motion import course_of
+from estimation.slam.walk.motion import course_of, leaps
 from estimation.slam.walk.neighbours import interpolated
 from estimation.slam.walk.relocate import LEAST_EVIDENCE, DoubtfulStops, Powers
 from estimation.slam.walk.residuals import (
@@ -98,7 +98,8 @@ def run_trajectory(
     poses = _poses(estimates, now, link, seen, is_known, is_los, cost)
     from_tx = now.state[:, :2] - transmitters_of(tx_pose).rows[0, :2]
     covariance[:, :4, :4] += snapshot.consider.covariance(from_tx)
-    poses = _with_covariance(poses, covariance, with_places(rivals, places), spare_equations(seen, link), snapshot)
+    is_sure = (spare_equations(seen, link) >= LEAST_SPARE) & ~leaps(now.state)
+    poses = _with_covariance(poses, covariance, with_places(rivals, places), is_sure, snapshot)
     details = _details(now, link, seen, chosen, shared_covariance)
     shifted, joint = turn_departures(estimates, details), list(poses.covariance)
     flags = flags_by_stop(estimates, details)
@@ -219,19 +220,19 @@ def _poses(
 
 
 def _with_covariance(
-    poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, n_spare: IntArray, snapshot: SnapshotConfig
+    poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, is_sure: BoolArray, snapshot: SnapshotConfig
 ) -> PoseEstimates:
     """Poses with covariances (stop, state, state) in m and rad, and the evidence of the chosen modes.
 
-    `n_spare` (stop,) are the equations of the paths beyond the unknowns of the state; a stop with few of them is
-    ambiguous.
+    A stop is ambiguous where a rival mode is near, or where it is not sure: few equations beyond the unknowns of
+    its state, or a leap of the walk.
     """
     scale = np.append(np.ones(3), np.full(poses.n_tx, 1 / SPEED_OF_LIGHT_M_S))
     return replace(
         poses,
         covariance=covariance * np.outer(scale, scale),
         evidence_gap=rivals.gap,
-        is_ambiguous=(rivals.gap < snapshot.ambiguous_gap) | (n_spare < LEAST_SPARE),
+        is_ambiguous=(rivals.gap < snapshot.ambiguous_gap) | ~is_sure,
         alternative=rivals.state * scale,
         los_probability=rivals.los_probability,
         position_std_m=np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1] + rivals.square_m2),

@@ -132,6 +132,4 @@ def _with_relief(
     """The wall of some paths, `own` among all `rows` of its face, with the relief that those scattered show."""
     mirrored, seen = np.setdiff1d(rows, face.scattered), np.intersect1d(own, face.scattered)
     place_m, away_m = points.places_m(line, seen), line.away_m(points.points.position_m[seen])
-    return with_relief(
-        wall, line, points.places_m(line, mirrored), place_m, away_m, points.across_m2(line, seen)
-    )
+    return with_relief(wall, line, points.places_m(line, mirrored), place_m, away_m, points.across_m2(line, seen))
