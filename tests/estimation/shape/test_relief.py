@@ -5,6 +5,7 @@ import pytest
 
 from estimation.shape.kinds.mirror_wall import scattering_wall
 from estimation.shape.reflection.faces import relief
+from estimation.shape.reflection.faces.bends import fit_bend, known_parts
 from estimation.shape.reflection.faces.relief import with_relief
 from estimation.shape.reflection.faces.scattering import FaceLine
 
@@ -84,3 +85,17 @@ def test_other_walls_lie_in_their_own_direction() -> None:
     found = with_relief(shape, turned, MIRRORED, *seen)
     first = with_relief(wall(), LINE, MIRRORED, *seen)
     np.testing.assert_allclose(found.contour_m @ turned.normal, first.contour_m @ LINE.normal, atol=1e-9)
+
+
+def test_a_curve_between_two_groups_of_points_is_no_face() -> None:
+    """Six points on either side of a gap of 3 m: the curve is known beside them, and not between."""
+    rng = np.random.default_rng(5)
+    place = np.concatenate([np.linspace(0.0, 1.0, 6), np.linspace(4.0, 5.0, 6)])
+    depth = 0.3 * np.sin(place) + 0.01 * rng.standard_normal(12)
+    bend = fit_bend(place, depth, np.full(12, 1e-4), 0.2)
+    parts = known_parts(bend, np.array([[0.0, 5.0]]))
+    assert len(parts) == 2
+    assert parts[0, 0] == 0.0 and 1.0 <= parts[0, 1] < 2.5 < parts[1, 0] <= 4.0 and parts[1, 1] == 5.0
+    np.testing.assert_array_equal(known_parts(bend, np.array([[0.2, 0.8]])), [[0.2, 0.8]])
+    unknown = bend._replace(variance_m2=np.ones_like(bend.variance_m2))
+    np.testing.assert_array_equal(known_parts(unknown, np.array([[0.0, 5.0]])), [[0.0, 5.0]])

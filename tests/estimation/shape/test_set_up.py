@@ -41,7 +41,7 @@ def circle(radius_m: float) -> np.ndarray:
 
 
 def test_bands_hold_contours_that_turn_with_the_tx() -> None:
-    """The spread across the contour of many turned and shifted copies; along a wall towards the TX nothing moves."""
+    """The spread across the contour of many turned and shifted copies; a wall does not move ahead of the TX."""
     wall, body = np.linspace([4.0, -3.0], [4.0, 6.0], 180), circle(0.4)
     both = record(shape(wall, 0.01, is_closed=False), shape(body, 0.02, is_closed=True))
     found = with_set_up(both, TX, TURNED)

@@ -16,6 +16,7 @@ _LEAST_LENGTH_M = 1.0  # of the kernel: shorter ones are the relief
 _STRAIGHT_STD_M = 1e-6
 _BEYOND_M = 2.0  # how far beyond its points a bend is known
 _N_KNOTS = 80
+_KNOWN_STD_M = 0.1  # of the depth: what two groups of points have between them may be no face
 
 
 def fit_bend(place_m: FloatArray, away_m: FloatArray, variance_m2: FloatArray, curvature_std_per_m: float) -> Bend:
@@ -29,6 +30,16 @@ def fit_bend(place_m: FloatArray, away_m: FloatArray, variance_m2: FloatArray, c
     bent = average(models, np.full(len(models), -np.log(len(models))))
     prior = np.log(CLASSES["wall"]["arc"] / CLASSES["wall"]["wall"])
     return Bend(middle + at, bent.mean_m, bent.variance_m2, float(bent.log_likelihood - straight + prior))
+
+
+def known_parts(bend: Bend, parts_m: FloatArray) -> FloatArray:
+    """The parts (part, 2) of a curved face as far as its depth is known all along; the same if it is nowhere."""
+    is_known = np.concatenate([[False], bend.variance_m2 < _KNOWN_STD_M**2, [False]])
+    change = np.flatnonzero(np.diff(is_known.astype(int)))
+    first, last = bend.place_m[change[::2]], bend.place_m[change[1::2] - 1]
+    low, high = np.maximum(parts_m[:, :1], first).ravel(), np.minimum(parts_m[:, 1:], last).ravel()
+    found = np.column_stack([low, high])[high > low]
+    return found if len(found) else parts_m
 
 
 def bent_wall(straight: ShapeFit, line: FaceLine, scale: float, relief_m: float) -> ShapeFit:

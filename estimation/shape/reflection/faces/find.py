@@ -15,6 +15,7 @@ import numpy as np
 from estimation.distributions import normal_log_density
 from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.association import GATE, MIN_GAIN_NAT, ONE_GATE
+from estimation.shape.reflection.faces.bends import known_parts
 from estimation.shape.reflection.faces.face import Face
 from estimation.shape.reflection.faces.parts import seen_parts
 from estimation.shape.reflection.faces.points import FacePoints
@@ -254,9 +255,10 @@ class FaceSearch:
             face, parts_m=seen_parts(places.place_m, weight, *against, PATH_REACH_M * np.sqrt(np.pi / 2))
         )
         if line.bend is not None:
-            sure = places.place_m[is_mirrored] if len(mirrored) else places.place_m
-            on_part = [np.count_nonzero((sure >= first) & (sure <= last)) for first, last in face.parts_m]
-            face = replace(face, parts_m=face.parts_m[[int(np.argmax(on_part))]])
+            sure, parts_m = places.place_m[is_mirrored if len(mirrored) else slice(None)], face.parts_m
+            parts_m = known_parts(line.bend, parts_m)
+            on_part = [np.count_nonzero((sure >= first) & (sure <= last)) for first, last in parts_m]
+            face = replace(face, parts_m=parts_m[[int(np.argmax(on_part))]])
         scattered = rows[~is_mirrored & face.covers(places.place_m)]
         objects = tuple(k for k in face.objects if np.isin(self.objects[k].paths, scattered).any())
         return replace(face, objects=objects, scattered=scattered)
