@@ -1,10 +1,12 @@
 """The estimated shape of one object: one record for all methods."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from scenes.record import FloatArray, Record, TextArray, array
+from scenes.record import FloatArray, IntArray, Record, TextArray, array
 
 KINDS = (
     "circle",
@@ -58,6 +60,14 @@ class ShapeFit(Record):
     def is_usable(self) -> bool:
         """Whether there is a contour: the status is no failure."""
         return not self.status.startswith(FAILED)
+
+
+class FoundContour(NamedTuple):
+    """A contour with the incidence points that it was fitted to and the probabilities of its classes."""
+
+    shape: ShapeFit
+    rows: IntArray  # (path,) of the data
+    class_probability: Sequence[float]  # in the order of the classes of contours
 
 
 def failed_fit(kind: str, why: str) -> ShapeFit:

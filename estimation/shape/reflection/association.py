@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import OBJECT_KINDS
-from estimation.shape.reflection.posterior import Optimum, path_squares
+from estimation.shape.reflection.posterior import Optimum, path_agreement
 from estimation.shape.reflection.reflections import Reflections
 from scenes.record import FloatArray, IntArray
 
@@ -59,10 +59,10 @@ class GroupFits:
         return self.known[key]
 
     def squares(self, kind: str, optimum: Optimum) -> tuple[FloatArray, FloatArray]:
-        """`object_squares` of all paths; kept, because objects stay the same for many rounds."""
+        """`object_agreement` of all paths; kept, because objects stay the same for many rounds."""
         key = id(optimum)
         if key not in self.square:
-            self.square[key] = optimum, *object_squares(kind, optimum, self.data)
+            self.square[key] = optimum, *object_agreement(kind, optimum, self.data)
         return self.square[key][1:]
 
 
@@ -89,9 +89,9 @@ def split_rows(fits: GroupFits, rows: IntArray) -> ClusterSplit:
     return ClusterSplit(label, tuple(kind for kind, _ in found))
 
 
-def object_squares(kind: str, optimum: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
-    """`path_squares` (path,), and log densities (path,), of an object of a kind."""
-    return path_squares(OBJECT_KINDS[kind].family, optimum, data)
+def object_agreement(kind: str, optimum: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
+    """`path_agreement` (path,), and log densities (path,), of an object of a kind."""
+    return path_agreement(OBJECT_KINDS[kind].family, optimum, data)
 
 
 def most_evident(data: Reflections, config: ReflectionConfig) -> tuple[str, Optimum] | None:
@@ -111,7 +111,7 @@ def _nearest(data: Reflections, found: list[tuple[str, Optimum]]) -> IntArray:
     """The object (path,) that predicts each path best, -1 where all are beyond the gate."""
     if not found:
         return np.full(len(data), GHOST)
-    square: FloatArray = np.array([object_squares(kind, optimum, data)[0] for kind, optimum in found])
+    square: FloatArray = np.array([object_agreement(kind, optimum, data)[0] for kind, optimum in found])
     return np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
 
 

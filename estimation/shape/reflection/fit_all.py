@@ -13,8 +13,8 @@ import numpy as np
 from estimation.execution import one_blas_thread
 from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig, ReflectionConfig
-from estimation.shape.fit import ShapeFit
-from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
+from estimation.shape.fit import FoundContour, ShapeFit
+from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_agreement
 from estimation.shape.reflection.blocks.find import with_columns
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, Choice, averaged_band, choose_shape
@@ -233,7 +233,7 @@ def _final(
     noise = [1.0] * len(parts)
     if config.learn_noise:
         pairs = zip(objects, parts, strict=True)
-        noise = [object_noise(object_squares(each.kind, each.optimum, part)[0]) for each, part in pairs]
+        noise = [object_noise(object_agreement(each.kind, each.optimum, part)[0]) for each, part in pairs]
     parts = [_scaled(part, factor) for part, factor in zip(parts, noise, strict=True)]
     choices, priors = _chosen(parts, of_wall, search.points, settings)
     least = 1 / np.minimum(scale, 1.0)
@@ -244,7 +244,7 @@ def _final(
         for k, choice in enumerate(choices)
     ]
     bundle = _bundle(paths, members)
-    found: list[tuple[ShapeFit, IntArray, Sequence[float]]] = []
+    found: list[FoundContour] = []
     for k, (shape, inlier) in enumerate(zip(bundle.shapes, bundle.inlier, strict=True)):
         if not shape.is_usable or np.count_nonzero(inlier > _LIKELY) < MIN_PATHS:
             continue
@@ -252,16 +252,17 @@ def _final(
         if face is not None and shape.kind in CLASSES["wall"]:
             walls = part_walls(face, np.union1d(walls[0][1], face.scattered), search.points, shape)
         probability = list(choices[k].class_probability.values())
-        found += [(averaged_band(part, choices[k]), own, probability) for part, own in walls]
+        found += [FoundContour(averaged_band(part, choices[k]), own, probability) for part, own in walls]
     for face in faces:
         if face.mirror < 0:
-            found += [(*part, face.class_probability) for part in part_walls(face, face.scattered, search.points)]
+            flats = part_walls(face, face.scattered, search.points)
+            found += [FoundContour(*each, face.class_probability) for each in flats]
     found = with_columns(found, search.points.points, data, config)
     return CampaignFit(
         method="reflection",
-        shapes=tuple(shape for shape, _, _ in found),
-        class_probability=np.array([each for _, _, each in found]).reshape(len(found), len(CLASSES)),
-        paths=tuple(paths.upright[rows] for _, rows, _ in found),
+        shapes=tuple(each.shape for each in found),
+        class_probability=np.array([each.class_probability for each in found]).reshape(len(found), len(CLASSES)),
+        paths=tuple(paths.upright[each.rows] for each in found),
         bundle=bundle,
         sessions=paths.sessions,
     )

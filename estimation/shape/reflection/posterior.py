@@ -106,7 +106,7 @@ def best_start(
     return np.asarray(starts[np.argmax(np.nan_to_num(density, nan=-np.inf))])
 
 
-def path_squares(family: int, found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
+def path_agreement(family: int, found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
     """Squared Mahalanobis distances (path,) of paths from what a fitted contour with its offsets predicts.
 
     Also their log densities (path,): of two paths as near, the more precise one has the higher density. The

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.shape.config import ContourConfig, ReflectionConfig
-from estimation.shape.fit import ShapeFit
+from estimation.shape.fit import FoundContour, ShapeFit
 from estimation.shape.reflection.blocks.find import column_shape, with_columns
 from estimation.shape.reflection.blocks.fit import block_models, fit_block
 from estimation.shape.reflection.blocks.law import SeenPoints, log_block, log_spot
@@ -124,11 +124,11 @@ def test_a_column_takes_the_place_of_its_edges_alone() -> None:
         stop=np.arange(n),
     )
     corner, other = (
-        (edge_at(own.position_m[0]), np.arange(4), [0, 1, 0]),
-        (edge_at(far[0]), np.arange(40, 46), [0, 1, 0]),
+        FoundContour(edge_at(own.position_m[0]), np.arange(4), [0, 1, 0]),
+        FoundContour(edge_at(far[0]), np.arange(40, 46), [0, 1, 0]),
     )
     found = with_columns([corner, other], points, data, ContourConfig())
     assert [shape.kind for shape, _, _ in found] == ["edge", "square"]
     _, rows, (wall, edge, pillar) = found[1]
-    assert found[0][1][0] == 40 and len(rows) > 30 and rows.max() < 40
+    assert found[0].rows[0] == 40 and len(rows) > 30 and rows.max() < 40
     assert pillar > 0.75 and wall + edge + pillar == pytest.approx(1.0)

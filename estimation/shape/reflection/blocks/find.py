@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from estimation.shape.config import ContourConfig, ReflectionConfig
-from estimation.shape.fit import OK, PRIOR, ShapeFit
+from estimation.shape.fit import OK, PRIOR, FoundContour, ShapeFit
 from estimation.shape.gp.clustering import cluster_points
 from estimation.shape.kinds.closed import PRIOR_SHARE
 from estimation.shape.record import N_CONTOUR_SAMPLES
@@ -20,8 +20,6 @@ from estimation.shape.reflection.blocks.law import SeenPoints
 from estimation.shape.reflection.normals import OrientedPoints
 from estimation.shape.reflection.reflections import Reflections
 from scenes.record import FloatArray, IntArray
-
-Found = tuple[ShapeFit, IntArray, Sequence[float]]  # a contour, its paths, the probabilities of its classes
 
 _LONG_M = 3.0  # longer walls are no faces of columns
 _BESIDE_M = 0.3  # of a device, a long wall or a closed contour: points that are its own
@@ -33,8 +31,8 @@ _SURE = 0.75  # a column, not a box of any other sides: both of its faces show
 
 
 def with_columns(
-    found: Sequence[Found], points: OrientedPoints, data: Reflections, config: ContourConfig
-) -> list[Found]:
+    found: Sequence[FoundContour], points: OrientedPoints, data: Reflections, config: ContourConfig
+) -> list[FoundContour]:
     """The contours with columns of four flat faces in place of the edges and short walls found of them."""
     found = list(found)
     seen = SeenPoints(points.position_m, points.covariance_m2, data.tx[:, :2], data.rx_state[:, :2])
@@ -47,7 +45,7 @@ def with_columns(
             continue
         kept = [each for each in found if not _is_part(each, members)]
         other = (1 - probability) / 2
-        found = [*kept, (shape, members, [other, other, probability])]
+        found = [*kept, FoundContour(shape, members, [other, other, probability])]
     return found
 
 
@@ -101,7 +99,7 @@ def _contour(value: FloatArray) -> FloatArray:
     return np.asarray(value[:2] + np.exp(value[2]) * unit.reshape(-1, 2))
 
 
-def _groups(found: Sequence[Found], points: SeenPoints, eps_m: float, min_samples: int) -> list[IntArray]:
+def _groups(found: Sequence[FoundContour], points: SeenPoints, eps_m: float, min_samples: int) -> list[IntArray]:
     """Rows of the points that lie close together, away from devices, long walls and closed contours."""
     is_free = np.linalg.eigvalsh(points.covariance_m2)[:, -1] <= eps_m**2
     for end in (points.tx_m, points.rx_m):
@@ -123,13 +121,13 @@ def _is_long(shape: ShapeFit) -> bool:
     return not shape.is_closed and shape.extent_m > _LONG_M
 
 
-def _is_part(each: Found, members: IntArray) -> bool:
+def _is_part(each: FoundContour, members: IntArray) -> bool:
     """Whether most paths of an edge or a short wall are of a body with these paths."""
-    shape, rows, _ = each
-    return not shape.is_closed and not _is_long(shape) and float(np.isin(rows, members).mean()) > 0.5
+    is_short = not each.shape.is_closed and not _is_long(each.shape)
+    return is_short and float(np.isin(each.rows, members).mean()) > 0.5
 
 
-def _is_in_wall(shape: ShapeFit, found: Sequence[Found]) -> bool:
+def _is_in_wall(shape: ShapeFit, found: Sequence[FoundContour]) -> bool:
     """Whether a body reaches through a long wall."""
     body = shapely.Polygon(shape.contour_m)
     return any(body.intersects(shapely.LineString(each.contour_m)) for each, *_ in found if _is_long(each))
