@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 import shapely
+from scipy.special import ndtr
 
 from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.kinds.fit import fit_kind, refit_kind
 from estimation.shape.reflection.reflections import Reflections
+from scenes.record import FloatArray
 
+_BAND_SHARE, _BAND_STDS = 0.95, 1.959964
+_BISECTIONS = 40
 # Prior share of each kind within its class: half of all pillars are round, a quarter of all walls are curved.
 CLASSES: Mapping[str, Mapping[str, float]] = {
     "wall": {"wall": 0.75, "arc": 0.25},
@@ -54,7 +58,7 @@ class Choice:
 
 
 def averaged_band(shape: ShapeFit, choice: Choice) -> ShapeFit:
-    """The closed contour of the chosen kind with a band over all kinds of its class, by their probabilities.
+    """The closed contour of the chosen kind with a 95 % band over all kinds of its class, by their probabilities.
 
     Contours are sampled at the same normals: the support functions of two kinds differ across the contour.
     """
@@ -64,13 +68,23 @@ def averaged_band(shape: ShapeFit, choice: Choice) -> ShapeFit:
     share = np.array([choice.probability[kind] for kind in kinds])
     psi = np.linspace(-np.pi, np.pi, len(shape.contour_m), endpoint=False)
     normal, own = np.column_stack([np.cos(psi), np.sin(psi)]), choice.fits[shape.kind]
-    variance = [
-        shape.std_m**2
-        if kind == shape.kind
-        else fit.std_m**2 + np.sum(normal * (fit.contour_m - own.contour_m), axis=1) ** 2
-        for kind, fit in ((kind, choice.fits[kind]) for kind in kinds)
+    fits = [shape if kind == shape.kind else choice.fits[kind] for kind in kinds]
+    away_m = [
+        0 * psi if fit is shape else np.sum(normal * (fit.contour_m - own.contour_m), axis=1) for fit in fits
     ]
-    return replace(shape, std_m=np.sqrt(share @ np.array(variance) / share.sum()))
+    return replace(
+        shape, std_m=_mixed_std(share / share.sum(), np.array(away_m), np.array([f.std_m for f in fits]))
+    )
+
+
+def _mixed_std(share: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
+    """Deviation (sample,) of a normal law about 0 with the 95 % interval of a mixture (kind, sample)."""
+    low, high = np.zeros(mean.shape[1]), (np.abs(mean) + _BAND_STDS * 2 * std).max(axis=0)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        inside = share @ (ndtr((middle - mean) / std) - ndtr((-middle - mean) / std))
+        low, high = np.where(inside < _BAND_SHARE, middle, low), np.where(inside < _BAND_SHARE, high, middle)
+    return np.asarray(high / _BAND_STDS)
 
 
 def choose_shape(

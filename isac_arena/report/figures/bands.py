@@ -30,10 +30,16 @@ def shape_curve(shapes: Shapes, cluster: int, step: int = 1) -> Curve:
 
 
 def contour_curve(contours: Contours, row: int) -> Curve:
-    """One of our contours; its band lies along the normal."""
+    """One of our contours; its band lies along the normal, that of a closed one inwards to its middle at most."""
     points, is_closed = contours.contour_m[row], bool(contours.is_closed[row])
-    shift = (CONTOUR_SIGMAS * contours.std_m[row])[:, None] * normals(points, is_closed=is_closed)
-    return Curve(points, points + shift, points - shift, is_closed)
+    half = (CONTOUR_SIGMAS * contours.std_m[row])[:, None]
+    shift = half * normals(points, is_closed=is_closed)
+    if not is_closed:
+        return Curve(points, points + shift, points - shift, is_closed)
+    inwards = contours.center_m[row] - points
+    reach = np.linalg.norm(inwards, axis=1, keepdims=True)
+    share = np.divide(half, reach, out=np.ones_like(half), where=half < reach)
+    return Curve(points, points + shift, points + share * inwards, is_closed)
 
 
 def line_m(points_m: FloatArray, *, is_closed: bool) -> FloatArray:

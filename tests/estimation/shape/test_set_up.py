@@ -86,12 +86,19 @@ def test_poses_of_another_origin_keep_their_covariances() -> None:
 
 
 def test_bands_are_averaged_over_the_kinds_of_a_class() -> None:
-    """A circle that may be a larger ellipse: its band has both, by their probabilities."""
+    """A circle that may be a larger ellipse: of draws from both, 95 of 100 are in the band."""
     small, large = (shape(circle(radius), 0.01, is_closed=True, kind=kind)
                     for radius, kind in ((0.4, "circle"), (0.5, "ellipse")))  # fmt: skip
-    fits = {"circle": small, "ellipse": large, "rounded_square": small}
-    probability = {"wall": 0.2, "circle": 0.6, "ellipse": 0.2, "rounded_square": 0.0}
-    choice = Choice(fits, probability, {"wall": 0.2, "edge": 0.0, "pillar": 0.8}, 0.0)
-    np.testing.assert_allclose(averaged_band(small, choice).std_m, np.sqrt(0.01**2 + 0.1**2 / 4))
+    fits, rng = {"circle": small, "ellipse": large, "rounded_square": small}, np.random.default_rng(1)
+    for p_large in (0.02, 0.25):
+        probability = {"wall": 0.2, "circle": 0.8 * (1 - p_large), "ellipse": 0.8 * p_large, "rounded_square": 0.0}
+        choice = Choice(fits, probability, {"wall": 0.2, "edge": 0.0, "pillar": 0.8}, 0.0)
+        std = averaged_band(small, choice).std_m
+        np.testing.assert_allclose(std, std[0], rtol=1e-6)
+        draws = 0.1 * (rng.random(40000) < p_large) + 0.01 * rng.standard_normal(40000)
+        assert np.mean(np.abs(draws) <= 1.96 * std[0]) == pytest.approx(0.95, abs=0.004)
+        assert (std[0] < 0.02) == (
+            p_large < 0.05
+        )  # what is less likely than the rest of the band does not widen it
     wall = shape(circle(0.4), 0.01, is_closed=False)
     assert averaged_band(wall, choice) is wall
