@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
 
 CLASS_NAMES = ("wall", "edge", "pillar")
@@ -61,3 +63,18 @@ class Contours(Record):
 
     def __len__(self) -> int:
         return len(self.kind)
+
+
+def normals(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
+    """Unit normals (sample, xy) to the right of a curve: they point outward where it runs counter-clockwise.
+
+    The tangents are central differences, and one-sided differences at the ends of an open curve. A normal is zero
+    where points of the curve coincide.
+    """
+    if is_closed:
+        along = np.roll(points_m, -1, axis=0) - np.roll(points_m, 1, axis=0)
+    else:
+        along = np.gradient(points_m, axis=0)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    return np.stack([unit[:, 1], -unit[:, 0]], axis=1)

@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.shape.record import Contours
+from estimation.shape.record import Contours, normals
 from estimation.slam.config import Consider
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.transmitters import AnyTx, transmitters_of
-from scenes.record import BoolArray, FloatArray
 
 
 def common_errors(poses: PoseEstimates, consider: Consider | None) -> Consider:
@@ -41,18 +40,9 @@ def with_set_up(contours: Contours, tx: AnyTx, consider: Consider) -> Contours:
     """
     contour = contours.contour_m
     common = consider.covariance(contour - transmitters_of(tx).rows[0, :2])[..., :2, :2]
-    normal = _normals(contour, contours.is_closed)
+    rows = zip(contour, contours.is_closed, strict=True)
+    normal = np.reshape([normals(points, is_closed=bool(closed)) for points, closed in rows], contour.shape)
     across = np.einsum("csi,csij,csj->cs", normal, common, normal)
     is_point = ~normal.any(axis=2)
     across[is_point] = np.trace(common, axis1=2, axis2=3)[is_point] / 2
     return replace(contours, std_m=np.sqrt(contours.std_m**2 + across))
-
-
-def _normals(contour_m: FloatArray, is_closed: BoolArray) -> FloatArray:
-    """Unit normals (contour, sample, xy) of contours, zero where neighbouring samples are one point."""
-    before, after = np.roll(contour_m, 1, axis=1), np.roll(contour_m, -1, axis=1)
-    before[~is_closed, 0], after[~is_closed, -1] = contour_m[~is_closed, 0], contour_m[~is_closed, -1]
-    along = after - before
-    length = np.linalg.norm(along, axis=2, keepdims=True)
-    unit = along / np.where(length > 0, length, 1.0)
-    return np.stack([-unit[..., 1], unit[..., 0]], axis=-1)

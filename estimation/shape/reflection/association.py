@@ -90,7 +90,7 @@ def split_rows(fits: GroupFits, rows: IntArray) -> ClusterSplit:
 
 
 def object_agreement(kind: str, optimum: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray]:
-    """`path_agreement` (path,), and log densities (path,), of an object of a kind."""
+    """`path_agreement` of paths with an object of a kind."""
     return path_agreement(OBJECT_KINDS[kind].family, optimum, data)
 
 

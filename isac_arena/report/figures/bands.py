@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.shape.record import Contours, Shapes
+from estimation.shape.record import Contours, Shapes, normals
 from isac_arena.scoring.stages.contours import BAND_SIGMAS as CONTOUR_SIGMAS
 from isac_arena.scoring.stages.shapes import BAND_SIGMAS as SHAPE_SIGMAS
 from scenes.record import FloatArray
@@ -45,18 +45,3 @@ def contour_curve(contours: Contours, row: int) -> Curve:
 def line_m(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
     """The points (point, xy) as a line: a closed one has its first point again at the end."""
     return np.concatenate([points_m, points_m[:1]]) if is_closed else points_m
-
-
-def normals(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
-    """Unit normals (sample, xy) to the right of a curve: they point outward where it runs counter-clockwise.
-
-    The tangents are central differences, and one-sided differences at the ends of an open curve. A normal is zero
-    where points of the curve coincide.
-    """
-    if is_closed:
-        along = np.roll(points_m, -1, axis=0) - np.roll(points_m, 1, axis=0)
-    else:
-        along = np.gradient(points_m, axis=0)
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
-    return np.stack([unit[:, 1], -unit[:, 0]], axis=1)

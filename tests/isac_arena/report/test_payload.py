@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from isac_arena.report.figures.bands import contour_curve, normals, shape_curve
+from estimation.shape.record import normals
+from isac_arena.report.figures.bands import contour_curve, shape_curve
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.report.page.payload import thinning
 from isac_arena.report.page.payload.campaign import report_payload
