@@ -9,7 +9,7 @@ from estimation.slam.config import Consider
 
 
 def with_array_pointing(consider: Consider, estimates: Sequence[ChannelEstimate]) -> Consider:
-    """The errors of the set-up with those of how both arrays point, as calibration of the arrays left them.
+    """The errors of the set-up, with the pointing errors of both arrays that remain after calibration.
 
     That of the TX array turns the whole solution about the TX, that of the RX array turns the receiver.
     """

@@ -68,13 +68,9 @@ def averaged_band(shape: ShapeFit, choice: Choice) -> ShapeFit:
     share = np.array([choice.probability[kind] for kind in kinds])
     psi = np.linspace(-np.pi, np.pi, len(shape.contour_m), endpoint=False)
     normal, own = np.column_stack([np.cos(psi), np.sin(psi)]), choice.fits[shape.kind]
-    fits = [shape if kind == shape.kind else choice.fits[kind] for kind in kinds]
-    away_m = [
-        0 * psi if fit is shape else np.sum(normal * (fit.contour_m - own.contour_m), axis=1) for fit in fits
-    ]
-    return replace(
-        shape, std_m=_mixed_std(share / share.sum(), np.array(away_m), np.array([f.std_m for f in fits]))
-    )
+    away_m = np.array([np.sum(normal * (choice.fits[kind].contour_m - own.contour_m), axis=1) for kind in kinds])
+    std_m = np.array([(shape if kind == shape.kind else choice.fits[kind]).std_m for kind in kinds])
+    return replace(shape, std_m=_mixed_std(share / share.sum(), away_m, std_m))
 
 
 def _mixed_std(share: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:

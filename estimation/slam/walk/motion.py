@@ -26,7 +26,7 @@ def leaps(state: FloatArray) -> BoolArray:
     """Stops (stop,) far from the middle of their neighbours, for the steps of their walk (stop, state)."""
     is_far, step = np.zeros(len(state), bool), np.hypot(*np.diff(state[:, :2], axis=0).T)
     if len(step) >= _LEAST_STEPS:
-        off = np.hypot(*(state[:-2, :2] - 2 * state[1:-1, :2] + state[2:, :2]).T) / 2
+        off = np.hypot(*np.diff(state[:, :2], 2, axis=0).T) / 2
         is_far = np.concatenate([step[:1], off, step[-1:]]) > _LEAP * np.median(step)
     return is_far
 

@@ -255,8 +255,8 @@ class FaceSearch:
             face, parts_m=seen_parts(places.place_m, weight, *against, PATH_REACH_M * np.sqrt(np.pi / 2))
         )
         if line.bend is not None:
-            sure, parts_m = places.place_m[is_mirrored if len(mirrored) else slice(None)], face.parts_m
-            parts_m = known_parts(line.bend, parts_m)
+            sure = places.place_m[is_mirrored] if len(mirrored) else places.place_m
+            parts_m = known_parts(line.bend, face.parts_m)
             on_part = [np.count_nonzero((sure >= first) & (sure <= last)) for first, last in parts_m]
             face = replace(face, parts_m=parts_m[[int(np.argmax(on_part))]])
         scattered = rows[~is_mirrored & face.covers(places.place_m)]
