@@ -179,7 +179,8 @@ def _with_noise(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
     the solution before are fitted too; the one of more evidence is kept.
     """
     kept = minimise_robust_cost(noise.seen, walk.link, walk.now, noise.config)
-    found = _with_landmarks(noise, wide, walk.is_los, walk.now), walk._replace(now=kept, noise=noise)
+    again = _with_landmarks(noise, wide, walk.is_los, walk.now, learns_flats=False)
+    found = again, walk._replace(now=kept, noise=noise)
     return _best_with_planes(found, wide)._replace(places=walk.places)
 
 
@@ -255,9 +256,14 @@ def _reassigned(
     return walk._replace(now=now, link=link, is_los=is_los)
 
 
-def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState) -> SmoothedWalk:
-    """The walk with landmarks, then with sessions, each until the association is constant."""
-    if wide.config.use_landmarks and wide.seen.heights is not None:
+def _with_landmarks(
+    noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState, *, learns_flats: bool = True
+) -> SmoothedWalk:
+    """The walk with landmarks, then with sessions, each until the association is constant.
+
+    Floor and ceiling are learned first: they take long, and other noise hardly moves them.
+    """
+    if wide.config.use_landmarks and wide.seen.heights is not None and learns_flats:
         now = replace(now, flats=learned_flats(wide.seen, now, is_los))
     now, link = _settled(noise, wide, is_los, now)
     while wide.config.use_sessions:

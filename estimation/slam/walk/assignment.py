@@ -76,7 +76,7 @@ def _assign(
     """Fill `kind` (path,) and `landmark` (path, 2) in place.
 
     The delay alone gives a lower bound of the chi-square, since roughness r adds at most (2 r)^2 to its variance.
-    This bound rejects most pairs of path and landmark.
+    So does every angle alone. These bounds reject most pairs of path and landmark.
     """
     chain = np.empty((2, 2))
     single, double = wall_images(tx, walls)
@@ -89,8 +89,10 @@ def _assign(
         for w in range(len(walls)):
             if (reach - _separation(single[w], x)) ** 2 > best * variance[0]:
                 continue
-            place, depth_tx, depth_rx, _ = wall_place(walls[w], tx, x)
+            place, depth_tx, depth_rx, total = wall_place(walls[w], tx, x)
             if depth_tx * depth_rx <= 0 or not spans[w, 0] < place < spans[w, 1]:
+                continue
+            if _arrives_elsewhere(single[w], depth_rx / total, x, seen, cov, rough_m[0], best):
                 continue
             chain[0] = walls[w]
             distance = wall_chi2(tx, x, seen, cov, chain[:1], rough_m[0])
@@ -99,6 +101,10 @@ def _assign(
         for o in range(len(objects)):
             short = abs(reach - _separation(tx, objects[o]) - _separation(objects[o], x)) - 2 * abs(objects[o, 2])
             if short > 0 and short**2 > best * variance[1]:
+                continue
+            if _is_elsewhere(objects[o], x, seen[2], cov[2, 2], rough_m[1], best):
+                continue
+            if _is_elsewhere(objects[o], tx, seen[1], cov[1, 1], rough_m[1], best):
                 continue
             distance = circle_chi2(tx, x, seen, cov, objects[o], rough_m[1])
             if distance < best:
@@ -181,6 +187,36 @@ def _is_in_front(tx: FloatArray, x: FloatArray, first: FloatArray, second: Float
     point = np.array([nx * second[1] - ny * place, ny * second[1] + nx * place])
     _, depth_tx, depth_point, _ = wall_place(first, tx, point)
     return bool(depth_image * depth_rx > 0 and depth_tx * depth_point > 0)
+
+
+@compiled
+def _arrives_elsewhere(
+    image: FloatArray,
+    last_leg: float,
+    x: FloatArray,
+    seen: FloatArray,
+    cov: FloatArray,
+    rough_m: float,
+    best: float,
+) -> bool:
+    """Whether the arrival alone excludes the path off a wall from the TX's image; `last_leg` is its share there."""
+    east, north = image[0] - x[0], image[1] - x[1]
+    off = wrapped(seen[2] + x[2] - np.arctan2(north, east))
+    from_rx2 = (east**2 + north**2) * last_leg**2
+    return bool(off**2 * from_rx2 > best * (cov[2, 2] * from_rx2 + rough_m**2))
+
+
+@compiled
+def _is_elsewhere(
+    circle: FloatArray, end: FloatArray, azimuth: float, variance: float, rough_m: float, best: float
+) -> bool:
+    """Whether the azimuth at one end (x, y, heading) alone excludes the path off a circle."""
+    east, north = circle[0] - end[0], circle[1] - end[1]
+    distance2 = east**2 + north**2
+    if distance2 <= circle[2] ** 2:
+        return False
+    off = abs(wrapped(azimuth + end[2] - np.arctan2(north, east))) - np.arcsin(abs(circle[2]) / np.sqrt(distance2))
+    return bool(off > 0 and off**2 * distance2 > best * (variance * distance2 + rough_m**2))
 
 
 @compiled

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -49,12 +50,12 @@ class Observations:
         """Number of TX."""
         return len(transmitters_of(self.tx))
 
-    @property
+    @cached_property
     def tx_of_path(self) -> IntArray:
         """Index of the TX (path,)."""
         return np.broadcast_to(self.link, self.row.shape)
 
-    @property
+    @cached_property
     def tx_rows(self) -> FloatArray:
         """[x, y, heading] (path, 3) of the TX of every path."""
         return transmitters_of(self.tx).rows[self.tx_of_path]
