@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -200,9 +200,14 @@ class CampaignRun:
 
     def maps(self, channel: Channel, receiver: PoseEstimates) -> dict[MapName, MapResult]:
         """Both maps, kept or made: mapping from the given receiver states, SLAM without them."""
-        from isac_arena.campaign.chain.both_maps import both_maps  # noqa: PLC0415
+        names: tuple[MapName, ...] = get_args(MapName)
+        return {name: self.map(name, channel, receiver) for name in names}
 
-        return both_maps(self, channel, receiver)
+    def map(self, name: MapName, channel: Channel, receiver: PoseEstimates) -> MapResult:
+        """One of the maps, kept or made."""
+        from isac_arena.campaign.chain.one_map import one_map  # noqa: PLC0415
+
+        return one_map(self, name, channel, receiver)
 
     def learned_mapping(self, channel: Channel, receiver: PoseEstimates | None) -> MappingConfig | None:
         """The settings of mapping at given states; None for SLAM."""

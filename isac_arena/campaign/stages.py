@@ -10,7 +10,6 @@ from rich.console import Console
 
 from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
 from isac_arena.campaign.chain.halls import make_halls
-from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, check_is_campaign, open_campaign
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged
@@ -21,7 +20,6 @@ from isac_arena.campaign.shards import STOPS_A_SHARD
 from isac_arena.campaign.side import swapped_in
 from isac_arena.campaign.stored import (
     channel_estimates,
-    known_stops,
     measured_truths,
     pack_stops,
     present,
@@ -37,6 +35,7 @@ from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.config import with_functions
 from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.user_functions.room import check_functions
+from isac_arena.workers.maps import make_maps
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from isac_arena.workers.workers import n_cores
 from scenes.scene import Scene
@@ -108,8 +107,9 @@ def run_campaign(
         _ = store.scene.standing_tx
         plan = run_plan(store)
         print_plan(plan)
-        failures = sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
-        failures += build_maps(store)
+        with makers:
+            failures = sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
+            failures += build_maps(store, makers)
         write_scores(store, plan.doubts)
         write_report(store, plan)
     return failures
@@ -245,10 +245,11 @@ def _print_failure(error: EstimatorError, where: Console) -> None:
     where.print(f"failed: {error}", markup=False, soft_wrap=True)
 
 
-def build_maps(store: CampaignStore) -> list[EstimatorError]:
+def build_maps(store: CampaignStore, makers: StopMakers = HERE) -> list[EstimatorError]:
     """Map with the known receiver, run SLAM without it, and fit shapes to both maps.
 
-    Returns the failures of a user's functions; the same command tries these again.
+    Mapping takes a worker where `makers` have some, beside SLAM here. Returns the failures of a user's functions;
+    the same command tries these again.
     """
     kept = [store.map_result(name) for name in ("mapping", "slam")]
     if all(one is not None and not one.problem for one in kept):
@@ -272,7 +273,7 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
 
         run = replace(run, on_step=begin)
         with heard_steps(tell):
-            run.maps(channel, known_receiver(known_stops(store, channel)))
+            failures[:0] = make_maps(store, run, makers, channel)
         progress.update(task, completed=progress.tasks[task].total)
     for failure in failures:
         _print_failure(failure, console)

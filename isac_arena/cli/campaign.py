@@ -87,8 +87,8 @@ def generate(
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
-    with stages.opened(campaign, out, seed) as store:
-        stages.sweep_only(store, StopMakers(workers, stop_limit), keep_sweeps=keep_sweeps)
+    with stages.opened(campaign, out, seed) as store, StopMakers(workers, stop_limit) as makers:
+        stages.sweep_only(store, makers, keep_sweeps=keep_sweeps)
 
 
 def estimate(
@@ -105,10 +105,11 @@ def estimate(
 
     named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes, tracker=tracker)
     with traces_in(directory):
-        with stages.reopened(directory, named, (*stages.SAMPLES, *stages.ESTIMATES), stop_limit) as store:
-            makers = StopMakers(workers, stop_limit)
+        reads = (*stages.SAMPLES, *stages.ESTIMATES)
+        reopened = stages.reopened(directory, named, reads, stop_limit)
+        with reopened as store, StopMakers(workers, stop_limit) as makers:
             failures = stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=channel is not None)
-            failures += stages.build_maps(store)
+            failures += stages.build_maps(store, makers)
         raise_summed(failures)
 
 

@@ -6,7 +6,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import dask.config
@@ -80,7 +80,7 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
     with dask.config.set(LEAN):  # all the while: a worker that replaces a lost one takes it from here
         with _interrupts_ignored():
             cluster = LocalCluster(n_workers=n_workers, **options)
-        with cluster, Client(cluster) as client:
+        with cluster, closing(Client(cluster)) as client:  # as a context it wants one thread for both ends
             # Where a lost worker takes long to start again, dask gives it up: without this none may be left
             replacing = PeriodicCallback(lambda: cluster.scale(n_workers), REPLACE_S * 1000)
             cluster.loop.add_callback(replacing.start)

@@ -6,9 +6,11 @@ all processes compute with one thread: the files have the same bytes for any num
 
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 from isac_arena.campaign.campaign import link_stores
 from isac_arena.campaign.directory import CampaignStore, open_campaign
@@ -32,6 +34,8 @@ DIED = (
 )
 
 Tell = Callable[[str], None]
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,13 @@ class StopWork:
     estimates: bool  # makes channel estimates where there are none
     again: bool  # also where there are some
 
+    @property
+    def store(self) -> CampaignStore:
+        """The directory, opened in a worker."""
+        store = open_campaign(self.directory)
+        config = store.config.model_copy(update={"functions": UserFunctions.model_validate_json(self.functions)})
+        return replace(store, config=config, side=self.side)
+
 
 @dataclass(frozen=True)
 class MadeStop:
@@ -54,17 +65,41 @@ class MadeStop:
     failure: EstimatorError | None = None
 
 
-@dataclass(frozen=True)
 class StopMakers:
     """Who makes the stops: at most `workers` processes, one per core by default; one is this process.
 
     A worker that takes longer than `limit_s` for a stop is ended, by default after an hour. Workers start where
-    they save more than `start_s`, by default `START_S`.
+    they save more than `start_s`, by default `START_S`. As a context they stay for what follows until its end.
     """
 
-    workers: int | None = None
-    limit_s: float | None = None
-    start_s: float | None = None
+    def __init__(
+        self, workers: int | None = None, limit_s: float | None = None, start_s: float | None = None
+    ) -> None:
+        self.workers, self.limit_s, self.start_s = workers, limit_s, start_s
+        self._started: Workers | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> "StopMakers":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._started = None
+        self._stack.close()
+
+    def start(self, n_workers: int) -> Workers:
+        """Start so many workers, unless there are some."""
+        if self._started is None:
+            self._started = self._stack.enter_context(Workers(n_workers, None))
+            self._started.start()
+        return self._started
+
+    def begun(self, function: Callable[[T], R], item: T) -> Callable[[], R | BaseException] | None:
+        """Call a function on a worker; what comes back waits for its outcome. None where there are no workers."""
+        if self._started is None or not self._started.is_ready:
+            return None
+        from isac_arena.workers.tasks import begun  # noqa: PLC0415  (imports dask)
+
+        return begun(self._started.client, function, item)
 
 
 @dataclass(frozen=True)
@@ -134,7 +169,7 @@ def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[Made
     """Make what is missing at every stop, and yield how each ends.
 
     The first stops are made here. Workers start where they save more time than they take to start, judged by the
-    stops that were made here, and where the memory holds them.
+    stops that were made here, and where the memory holds them. More stops are made here while they start.
 
     Raises what a stop raises, and `ChildProcessError` where it ended its worker.
     """
@@ -156,7 +191,10 @@ def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[Made
         times_s.append(time.monotonic() - started)
         yield made
     if missing:
-        yield from _made_by_workers(stops, missing, n_workers, makers.limit_s)
+        workers = makers.start(n_workers)
+        while missing and start_s > 0 and not workers.is_ready:
+            yield stops.make(missing.pop(0))
+        yield from _made_by_workers(stops, missing, workers, n_workers, makers.limit_s)
 
 
 def pays(n_workers: int, n_stops: int, times_s: Sequence[float], start_s: float) -> bool:
@@ -179,7 +217,7 @@ def affordable(n_workers: int, stop_bytes: float) -> tuple[int, str]:
 
 
 def _made_by_workers(
-    stops: StopRun, missing: Sequence[int], n_workers: int, limit_s: float | None
+    stops: StopRun, missing: Sequence[int], workers: Workers, n_workers: int, limit_s: float | None
 ) -> Iterator[MadeStop]:
     """Make stops on workers; those that found too little memory beside others are made here at the end."""
     from isac_arena.workers.tasks import STOP_LIMIT_S, WorkerDiedError, each_outcome  # noqa: PLC0415  (imports dask)
@@ -189,16 +227,15 @@ def _made_by_workers(
     limit_s = (limit_s or STOP_LIMIT_S) + (0.0 if own is None else own.limit_s + IMPORT_S)
     calls = [(stops.work, share, stop) for stop in missing]
     short = []
-    with Workers(n_workers, None) as workers:
-        for (_, _, stop), found in each_outcome(workers.client, n_workers, _made_there, calls, limit_s):
-            if isinstance(found, WorkerDiedError):
-                raise ChildProcessError(DIED.format(stop=stop))
-            if isinstance(found, MemoryLimitError | MemoryError):
-                short.append(stop)
-            elif isinstance(found, BaseException):
-                raise found
-            else:
-                yield found
+    for (_, _, stop), found in each_outcome(workers.client, n_workers, _made_there, calls, limit_s):
+        if isinstance(found, WorkerDiedError):
+            raise ChildProcessError(DIED.format(stop=stop))
+        if isinstance(found, MemoryLimitError | MemoryError):
+            short.append(stop)
+        elif isinstance(found, BaseException):
+            raise found
+        else:
+            yield found
     yield from map(stops.make, short)
 
 
@@ -211,6 +248,4 @@ def _made_there(call: tuple[StopWork, str, int]) -> MadeStop:
 
 @lru_cache(maxsize=1)
 def _stops_there(work: StopWork) -> StopRun:
-    store = open_campaign(work.directory)
-    config = store.config.model_copy(update={"functions": UserFunctions.model_validate_json(work.functions)})
-    return StopRun(replace(store, config=config, side=work.side), work)
+    return StopRun(work.store, work)

@@ -6,12 +6,14 @@ import os
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from distributed import Client, Future, KilledWorker, as_completed
 
 __all__ = [
-    "STOP_LIMIT_S", "Client", "Future", "WorkerDiedError", "as_completed", "each_outcome", "outcome", "run_within",
+    "STOP_LIMIT_S", "Client", "Future", "WorkerDiedError", "as_completed", "begun", "each_outcome", "outcome",
+    "run_within",
 ]  # fmt: skip
 
 STOP_LIMIT_S = 3600.0  # of a stop: a worker that takes longer is taken as one that hangs
@@ -80,6 +82,11 @@ def each_outcome(
             suspects.append(item)
         else:
             yield item, found
+
+
+def begun(client: Client, function: Callable[[T], R], item: T) -> Callable[[], R | BaseException]:
+    """Let a worker call a function; what comes back waits for its outcome, and raises as `outcome` does."""
+    return partial(outcome, client.submit(returned, function, item, pure=False))
 
 
 def returned(function: Callable[[T], R], item: T) -> R | BaseException:

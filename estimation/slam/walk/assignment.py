@@ -102,9 +102,7 @@ def _assign(
             short = abs(reach - _separation(tx, objects[o]) - _separation(objects[o], x)) - 2 * abs(objects[o, 2])
             if short > 0 and short**2 > best * variance[1]:
                 continue
-            if _is_elsewhere(objects[o], x, seen[2], cov[2, 2], rough_m[1], best):
-                continue
-            if _is_elsewhere(objects[o], tx, seen[1], cov[1, 1], rough_m[1], best):
+            if _is_elsewhere(objects[o], tx, x, seen, cov, rough_m[1], best):
                 continue
             distance = circle_chi2(tx, x, seen, cov, objects[o], rough_m[1])
             if distance < best:
@@ -199,7 +197,7 @@ def _arrives_elsewhere(
     rough_m: float,
     best: float,
 ) -> bool:
-    """Whether the arrival alone excludes the path off a wall from the TX's image; `last_leg` is its share there."""
+    """Whether the arrival alone excludes the path from an image; `last_leg` is its share past the wall."""
     east, north = image[0] - x[0], image[1] - x[1]
     off = wrapped(seen[2] + x[2] - np.arctan2(north, east))
     from_rx2 = (east**2 + north**2) * last_leg**2
@@ -208,15 +206,25 @@ def _arrives_elsewhere(
 
 @compiled
 def _is_elsewhere(
-    circle: FloatArray, end: FloatArray, azimuth: float, variance: float, rough_m: float, best: float
+    circle: FloatArray,
+    tx: FloatArray,
+    x: FloatArray,
+    seen: FloatArray,
+    cov: FloatArray,
+    rough_m: float,
+    best: float,
 ) -> bool:
-    """Whether the azimuth at one end (x, y, heading) alone excludes the path off a circle."""
-    east, north = circle[0] - end[0], circle[1] - end[1]
-    distance2 = east**2 + north**2
-    if distance2 <= circle[2] ** 2:
-        return False
-    off = abs(wrapped(azimuth + end[2] - np.arctan2(north, east))) - np.arcsin(abs(circle[2]) / np.sqrt(distance2))
-    return bool(off > 0 and off**2 * distance2 > best * (variance * distance2 + rough_m**2))
+    """Whether the departure or the arrival alone excludes the path off a circle."""
+    for end, angle in ((tx, 1), (x, 2)):
+        east, north = circle[0] - end[0], circle[1] - end[1]
+        distance2 = east**2 + north**2
+        if distance2 <= circle[2] ** 2:
+            continue
+        edge = np.arcsin(abs(circle[2]) / np.sqrt(distance2))
+        off = abs(wrapped(seen[angle] + end[2] - np.arctan2(north, east))) - edge
+        if off > 0 and off**2 * distance2 > best * (cov[angle, angle] * distance2 + rough_m**2):
+            return True
+    return False
 
 
 @compiled

@@ -100,10 +100,10 @@ def timed_run(campaign: Campaign, out: Path, makers: StopMakers) -> dict[str, fl
         stage()
         times_s[name] = time.perf_counter() - started
 
-    with redirect_stdout(io.StringIO()), stages.opened(campaign, out, None) as store:
+    with redirect_stdout(io.StringIO()), stages.opened(campaign, out, None) as store, makers:
         timed("plan", lambda: stages.run_plan(store))
         timed("trace, sweep, estimate", lambda: stages.sweep_and_estimate(store, makers, keep_sweeps=False))
-        timed("mapping, SLAM, shapes", lambda: stages.build_maps(store))
+        timed("mapping, SLAM, shapes", lambda: stages.build_maps(store, makers))
         timed("scores", lambda: stages.write_scores(store))
         timed("report", lambda: stages.write_report(store))
     return times_s

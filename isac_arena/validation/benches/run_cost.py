@@ -126,8 +126,8 @@ writes this page. The same numbers are printed beside the bars of the command.
 
 All times are processor times of one process on a machine with {n_cores} cores. Numerical code has one thread; what
 the ray tracer's own threads take is counted. Libraries are loaded and code is compiled before: a first run of
-`box_room` pays for that. The run makes the calls of `arena run`. Several workers make stops side by side; the
-maps stay in one process.
+`box_room` pays for that. The run makes the calls of `arena run`. Several workers make stops side by side, then
+mapping beside SLAM.
 
 ## The floor
 

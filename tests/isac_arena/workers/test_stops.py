@@ -39,6 +39,9 @@ def good(sweep):
 def raises(sweep):
     return 1 / 0 if sweep.stop == 2 else good(sweep)
 
+def no_map(channel, tx_pose, receiver):
+    return 1 / 0
+
 def dies(sweep):
     os._exit(0) if sweep.stop == 2 else None
     return good(sweep)
@@ -133,6 +136,19 @@ def test_a_failure_of_a_worker_is_that_of_one_process(finished: Path, folder: Pa
     assert trees[0] == trees[1] != before
     trace = (folder / "run/estimator_error.txt").read_text()
     assert "return 1 / 0" in trace and "room.py" not in trace
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_map_that_fails_beside_another_is_that_of_one_process(folder: Path) -> None:
+    trees, said = [], []
+    for workers in (1, 2):
+        shutil.rmtree(folder / "run", ignore_errors=True)
+        run = (*RUN[:-1], workers, "--mapping", "lab:no_map")
+        done = arena_here(*run, cwd=folder)
+        assert done.returncode == 1 and "failed: mapping = 'lab:no_map': ZeroDivisionError" in done.stdout
+        trees.append(tree(folder / "run"))
+        said.append(done.stderr)
+    assert trees[0] == trees[1] and said[0] == said[1]
 
 
 @pytest.mark.usefixtures("at_once")

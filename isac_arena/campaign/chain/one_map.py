@@ -1,4 +1,4 @@
-"""Both maps of a run: mapping from the receiver states that are given, and SLAM without them."""
+"""The maps of a run: mapping from the receiver states that are given, and SLAM without them."""
 
 from __future__ import annotations
 
@@ -20,25 +20,21 @@ if TYPE_CHECKING:
     from isac_arena.campaign.driver import CampaignRun
 
 
-def both_maps(
-    run: CampaignRun, channel: Sequence[ChannelEstimate], receiver: PoseEstimates
-) -> dict[MapName, MapResult]:
-    """Both maps, kept by the run or made; SLAM also has the published one and the tracks of what moves."""
-    given: dict[MapName, PoseEstimates | None] = {"mapping": receiver, "slam": None}
-    channel = from_nodes(run, channel)
-    found: dict[MapName, MapResult] = {}
-    for name, states in given.items():
-        kept = run.results.map_result(name)
-        if kept is None or kept.problem:
-            check_estimates(channel, run.scene.standing_tx)
-            kept = _map(run, channel, states, receiver)
-            if states is None:
-                run.on_step("published SLAM")
-                published = located_walks(run, run.oracle.channel or channel, receiver, published=True)[0]
-                kept = _with_tracks(run, replace(kept, published=published), channel)
-            run.results.write_map(name, kept)
-        found[name] = kept
-    return found
+def one_map(
+    run: CampaignRun, name: MapName, channel: Sequence[ChannelEstimate], receiver: PoseEstimates
+) -> MapResult:
+    """A map, kept by the run or made; SLAM also has the published one and the tracks of what moves."""
+    kept = run.results.map_result(name)
+    if kept is None or kept.problem:
+        channel = from_nodes(run, channel)
+        check_estimates(channel, run.scene.standing_tx)
+        kept = _map(run, channel, receiver if name == "mapping" else None, receiver)
+        if name == "slam":
+            run.on_step("published SLAM")
+            published = located_walks(run, run.oracle.channel or channel, receiver, published=True)[0]
+            kept = _with_tracks(run, replace(kept, published=published), channel)
+        run.results.write_map(name, kept)
+    return kept
 
 
 def _map(
