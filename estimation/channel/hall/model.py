@@ -15,7 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel.config import LosConfig
+from estimation.channel.hall import clocks
 from estimation.channel.hall.classes import START, StopStates, learned_priors, stop_states
+from estimation.channel.hall.clocks import N_CLOCKS, clocks_by_elevation, own_clock
 from estimation.channel.hall.geometry import NO_CEILING_M, Heights
 from estimation.channel.hall.paths import RangedPaths, stop_paths
 from estimation.channel.hall.power import ElevationLoss, SightPower, StopPowers, stop_powers
@@ -35,12 +37,10 @@ from estimation.channel.record import ChannelEstimate
 from scenes.record import BoolArray, FloatArray
 from sim.signal.arrays.codebook import Codebook
 
-N_CLOCKS = 6  # clock biases tried at each stop
 CLOCK_STEPS, FIRST_STEPS, LAST_STEPS = 2, 4, 16  # of a clock alone; of every start; of the best ones
 N_BEST = 3
-LONGEST_STEP_M = np.array([0.1, 0.1, 0.1, 0.5])  # heights and clock
-LOOSE_STD_M = np.array([3.0, 3.0, 10.0, 100.0])  # prior of a step: keeps what is unobservable where it is
-SMALLEST_STEP_M = 1e-4
+LONGEST_STEP_M = np.array([0.1, 0.1, 0.1, clocks.LONGEST_STEP_M])  # heights and clock
+LOOSE_STD_M = np.array([3.0, 3.0, 10.0, clocks.LOOSE_STD_M])  # prior of a step
 AMBIGUOUS = 10.0  # by how much the merit of another solution may be lower if it is to be named
 SAME_M = 0.03  # heights of one solution
 # Of a ceiling in log evidence: 45 to 370 at three stops of design rooms that show theirs, -7 to 25 of false ones.
@@ -124,9 +124,9 @@ def read_hall(
     if not used:
         return None
     stops = prepared_stops(used, link, given)
-    clocks = [clock_grid(paths) for paths in stops.paths]
-    votes = [stop_votes(paths, clock) for paths, clock in zip(stops.paths, clocks, strict=True)]
-    sight = SightPower(used, stops.powers, clocks, link.los)
+    grids = [clock_grid(paths) for paths in stops.paths]
+    votes = [stop_votes(paths, clock) for paths, clock in zip(stops.paths, grids, strict=True)]
+    sight = SightPower(used, stops.powers, grids, link.los)
     heights = starting_heights(votes, sight.log_prior, height_grid(given.tx_m, given.rx_m))
     points = []
     for start in heights:
@@ -190,36 +190,15 @@ def _with_best_clocks(
     return _Point(heights_m, np.array(clock), priors, best)
 
 
-def own_clock(
-    paths: RangedPaths,
-    powers: StopPowers,
-    clock_m: float,
-    differences_m: FloatArray,
-    priors: ClassPriors,
-    n_steps: int,
-    *,
-    by_elevation: bool,
-) -> tuple[float, StopStates]:
-    """A clock bias after steps that do not lower the evidence of its stop, with the states there."""
-    states = stop_states(paths, powers, clock_m, differences_m, priors)
-    for _ in range(n_steps):
-        part = stop_equations(paths, powers, states, clock_m, differences_m, by_elevation=by_elevation)
-        step = part.slope[3] / (part.information[3, 3] + 1 / LOOSE_STD_M[3] ** 2)
-        trial = clock_m + float(np.clip(step, -LONGEST_STEP_M[3], LONGEST_STEP_M[3]))
-        there = stop_states(paths, powers, trial, differences_m, priors)
-        if there.evidence <= states.evidence:
-            break
-        is_settled = abs(trial - clock_m) < SMALLEST_STEP_M
-        clock_m, states = trial, there
-        if is_settled:
-            break
-    return clock_m, states
-
-
 def _settled(stops: _Stops, point: _Point, tried: Sequence[FloatArray]) -> _Point:
-    """The point of largest evidence from this one, with the clocks tried once more."""
-    clocks = [np.append(biases, now) for biases, now in zip(tried, point.clock_m, strict=True)]
-    again = _with_best_clocks(stops, point.heights_m, point.priors, clocks)
+    """The point of largest evidence from this one, with the clocks tried once more, and those of elevations."""
+    differences = Heights(*point.heights_m).differences_m
+    shown = [
+        clocks_by_elevation(paths, powers, differences, point.priors)
+        for paths, powers in zip(stops.paths, stops.powers, strict=True)
+    ]
+    both = [np.append(np.append(*all_of), now) for *all_of, now in zip(tried, shown, point.clock_m, strict=True)]
+    again = _with_best_clocks(stops, point.heights_m, point.priors, both)
     return _climbed(stops, _better(point, again), LAST_STEPS)
 
 
@@ -250,7 +229,7 @@ def _climbed(stops: _Stops, point: _Point, n_steps: int) -> _Point:
                 break
         else:
             break
-        if np.abs(step).max() < SMALLEST_STEP_M:
+        if np.abs(step).max() < clocks.SMALLEST_STEP_M:
             break
     return point
 

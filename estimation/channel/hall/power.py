@@ -17,7 +17,8 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook
 
-SIGHT_STD_DB = 1.5  # spread of the power of a line of sight once the loss by elevation is known
+SIGHT_STD_DB = 2.5  # spread of the power of a line of sight once the loss by elevation is known
+FIRST_LENGTH_M = 8.0  # of first paths in halls
 TINY_VARIANCE = 1e-20
 LEAST_GAIN = 1e-4  # amplitude; beams lose no more than this
 
@@ -71,6 +72,10 @@ class StopPowers:
     def plain_loss_db(self, paths: RangedPaths, clock_m: float) -> FloatArray:
         """Loss (path,) beyond free space if the path is horizontal."""
         return loss_beyond_free_space_db(np.maximum(paths.range_m - clock_m, MIN_LENGTH_M), self.below_db)
+
+    def loss_as_weak_db(self, paths: RangedPaths) -> FloatArray:
+        """The same (path,) whatever the clock bias is, with a first path of usual length: many would pull the clock."""
+        return self.plain_loss_db(paths, float(paths.range_m.min(initial=np.inf)) - FIRST_LENGTH_M)
 
     def loss_db(self, paths: RangedPaths, clock_m: float, differences_m: FloatArray) -> FloatArray:
         """Loss (path, version) beyond free space and beyond what beams lose by the elevation of each version."""

@@ -155,9 +155,14 @@ def likely_ceilings(votes: Sequence[Votes], heights_m: FloatArray, n_ceilings: i
     ceiling = np.arange(heights_m[:2].max() + LEAST_MARGIN_M, CEILINGS_M[1], CEILING_STEP_M)
     grid = np.stack(np.broadcast_arrays(*heights_m[:2], ceiling), axis=1)
     score = _score(votes, len(votes) * [np.zeros(1)], _gaps(grid))
+    return np.asarray(ceiling[peaks_of(score)[:n_ceilings]])
+
+
+def peaks_of(score: FloatArray) -> IntArray:
+    """Indices (peak,) of the local maxima of a score along a grid, the highest first."""
     around = np.pad(score, 1, constant_values=-np.inf)
     peaks = np.flatnonzero((score >= around[:-2]) & (score >= around[2:]))
-    return np.asarray(ceiling[peaks[np.argsort(-score[peaks], kind="stable")[:n_ceilings]]])
+    return peaks[np.argsort(-score[peaks], kind="stable")]
 
 
 def _gaps(heights: FloatArray) -> FloatArray:
@@ -204,8 +209,5 @@ def starting_clocks(
     gaps, priors = _gaps(heights_m[None]), clocks(float(heights_m[0] - heights_m[1]))
     best = []
     for stop, prior in zip(votes, priors, strict=True):
-        score = _by_clock(stop, gaps)[:, 0] + prior
-        around = np.pad(score, 1, constant_values=-np.inf)
-        peaks = np.flatnonzero((score >= around[:-2]) & (score >= around[2:]))
-        best.append(stop.clock_m[peaks[np.argsort(-score[peaks], kind="stable")[:n_clocks]]])
+        best.append(stop.clock_m[peaks_of(_by_clock(stop, gaps)[:, 0] + prior)[:n_clocks]])
     return best

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.hall.classes import StopStates, class_probabilities, version_probabilities
+from estimation.channel.hall.clocks import LOOSE_STD_M, N_CLOCKS, clocks_by_elevation, own_clock
 from estimation.channel.hall.geometry import HEIGHT_SLOPES
 from estimation.channel.hall.groups import N_SHARED, Groups
-from estimation.channel.hall.model import AMBIGUOUS, LOOSE_STD_M, GivenHeights, HallLink, own_clock, prepared_stops
+from estimation.channel.hall.model import AMBIGUOUS, GivenHeights, HallLink, prepared_stops
 from estimation.channel.hall.paths import RangedPaths
 from estimation.channel.hall.power import SightPower
 from estimation.channel.hall.record import HallModel
@@ -20,7 +21,7 @@ from estimation.channel.record import MIN_PARAMETERS, ChannelEstimate
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import FloatArray, Record, array, empty_record
 
-N_CLOCKS, CLOCK_STEPS = 6, 12  # clock biases tried, and most steps of each
+CLOCK_STEPS = 12  # most steps of each clock bias that is tried
 SAME_STDS, SAME_M = 3.0, 0.05  # within which two clock biases are one
 
 
@@ -98,13 +99,14 @@ def located(estimate: ChannelEstimate, hall: HallModel, link: HallLink) -> HallS
     differences_m = hall.heights.differences_m
     [tried] = starting_clocks(votes, sight.log_prior, heights_m, N_CLOCKS)
     use = hall.by_elevation
+    tried = np.append(tried, clocks_by_elevation(paths, powers, differences_m, hall.priors))
     reached = [
         own_clock(paths, powers, float(one), differences_m, hall.priors, CLOCK_STEPS, by_elevation=use)
         for one in tried
     ]
     clock_m, states = max(reached, key=lambda one: one[1].evidence)
     at = stop_equations(paths, powers, states, clock_m, differences_m, by_elevation=use)
-    own = at.information[3, 3] + 1 / LOOSE_STD_M[3] ** 2
+    own = at.information[3, 3] + 1 / LOOSE_STD_M**2
     by_heights = -at.information[3, :3] / own
     turn = np.vstack([np.eye(N_SHARED - 1), by_heights])
     shared_m2 = turn @ hall.covariance_m2 @ turn.T
