@@ -74,7 +74,7 @@ class StopPowers:
         return loss_beyond_free_space_db(np.maximum(paths.range_m - clock_m, MIN_LENGTH_M), self.below_db)
 
     def loss_as_weak_db(self, paths: RangedPaths) -> FloatArray:
-        """The same (path,) whatever the clock bias is, with a first path of usual length: many would pull the clock."""
+        """The same (path,) at the clock bias of a usual first path: the many weak paths tell no clock."""
         return self.plain_loss_db(paths, float(paths.range_m.min(initial=np.inf)) - FIRST_LENGTH_M)
 
     def loss_db(self, paths: RangedPaths, clock_m: float, differences_m: FloatArray) -> FloatArray:
