@@ -5,7 +5,7 @@ import os
 import signal
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
@@ -17,7 +17,6 @@ from tornado.ioloop import PeriodicCallback
 
 from isac_arena.campaign.integrity import code_digest
 from isac_arena.workers.threads import ONE_THREAD
-from isac_arena.workers.workers import n_cores
 
 ANSWER_S = 10  # within which a scheduler answers
 REPLACE_S = 5.0  # between looks at how many workers are left
@@ -54,8 +53,8 @@ class WarmUp(WorkerPlugin):  # type: ignore[misc]
 
 
 @contextmanager
-def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Client]:
-    """A client of the scheduler at an address, or of new worker processes here, one per core by default.
+def connect_scheduler(n_workers: Callable[[], int], scheduler: str | None) -> Iterator[Client]:
+    """A client of the scheduler at an address, or of worker processes here, as many as wanted at any time.
 
     Raises `ValueError` where no scheduler answers at the address.
     """
@@ -75,14 +74,13 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
             client.register_plugin(WarmUp(code_digest(*CODE), is_ours=False))
             yield client
         return
-    n_workers = workers or n_cores()
     options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": "CRITICAL"}
     with dask.config.set(LEAN):  # all the while: a worker that replaces a lost one takes it from here
         with _interrupts_ignored():
-            cluster = LocalCluster(n_workers=n_workers, **options)
+            cluster = LocalCluster(n_workers=n_workers(), **options)
         with cluster, closing(Client(cluster)) as client:  # as a context it wants one thread for both ends
             # Where a lost worker takes long to start again, dask gives it up: without this none may be left
-            replacing = PeriodicCallback(lambda: cluster.scale(n_workers), REPLACE_S * 1000)
+            replacing = PeriodicCallback(lambda: cluster.scale(n_workers()), REPLACE_S * 1000)
             cluster.loop.add_callback(replacing.start)
             client.register_plugin(WarmUp(code_digest(*CODE), is_ours=True))
             try:

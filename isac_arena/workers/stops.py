@@ -94,11 +94,15 @@ class StopMakers:
         return self._started
 
     def begun(self, function: Callable[[T], R], item: T) -> Callable[[], R | BaseException] | None:
-        """Call a function on a worker; what comes back waits for its outcome. None where there are no workers."""
+        """Call a function on one worker, and end the others; what comes back waits for the outcome.
+
+        None where there are no workers.
+        """
         if self._started is None or not self._started.is_ready:
             return None
         from isac_arena.workers.tasks import begun  # noqa: PLC0415  (imports dask)
 
+        self._started.keep(1)
         return begun(self._started.client, function, item)
 
 

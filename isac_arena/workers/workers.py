@@ -21,7 +21,7 @@ class Workers:
     """Processes here, one per core by default, or those of a scheduler. A command without calls starts none."""
 
     def __init__(self, workers: int | None, scheduler: str | None, stop_limit_s: float | None = None) -> None:
-        self._options = workers, scheduler
+        self._n_workers, self._scheduler = workers or n_cores(), scheduler
         self.limits = {} if stop_limit_s is None else {"stop_limit_s": stop_limit_s}
         self._stack = ExitStack()
         self._client: Future[Client] | None = None
@@ -55,10 +55,15 @@ class Workers:
             self._client.set_result(connected)
         return self._client.result()
 
+    def keep(self, n_workers: int) -> None:
+        """End all processes here but so many, with the memory that they hold; their calls go to the others."""
+        self._n_workers = min(self._n_workers, n_workers)
+        self.client.cluster.scale(self._n_workers)
+
     def _connected(self) -> Client:
         from isac_arena.workers.cluster import connect_scheduler  # noqa: PLC0415
 
-        return self._stack.enter_context(connect_scheduler(*self._options))
+        return self._stack.enter_context(connect_scheduler(lambda: self._n_workers, self._scheduler))
 
 
 def _block_interrupts() -> None:

@@ -14,7 +14,7 @@ from isac_arena.sweep.engine import run_jobs
 from isac_arena.sweep.job import Job
 from isac_arena.validation.benches.sweep import POWER, make_jobs, sweep_of
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.workers.cluster import connect_scheduler
+from isac_arena.workers.workers import Workers
 from scenes.record import FloatArray
 
 N_CASES, KILL_EVERY_S = 2000, 120.0
@@ -64,10 +64,10 @@ class Watch:
 def bench_endurance(seed: int, quick: bool) -> list[Measurement]:
     """2,000 small cases on two workers, one of them killed every two minutes."""
     n_cases, every_s = (24, 8.0) if quick else (N_CASES, KILL_EVERY_S)
-    with tempfile.TemporaryDirectory() as folder, connect_scheduler(2, None) as client:
+    with tempfile.TemporaryDirectory() as folder, Workers(2, None) as workers:
         jobs = make_jobs(Path(folder), sweep_of(POWER, POWERS_DBM, n_cases // 2), seed)
         watch = Watch(seed, every_s, max(1, min(WINDOW, int(SHARE * n_cases) // 4)))
-        run_jobs(client, jobs, watch)
+        run_jobs(workers.client, jobs, watch)
         lost = sum(not job.is_done for job in jobs)
     (memory_mb, files), cost_s, work_s = np.array(watch.rows).T, *np.array(watch.windows).T
     seconds, pieces = _start_and_end(cost_s), _start_and_end(cost_s / work_s)

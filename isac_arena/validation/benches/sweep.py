@@ -15,7 +15,6 @@ from isac_arena.sweep.plan import make_plan
 from isac_arena.sweep.run import case_run, make_signals, run_cases, trace_stops
 from isac_arena.sweep.runner import run_sweep
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.workers.cluster import connect_scheduler
 from isac_arena.workers.workers import Workers
 
 COMMON = """
@@ -79,12 +78,12 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
 def bench_memory(seed: int, quick: bool) -> list[Measurement]:
     """Largest resident memory of one worker after a quarter of many cases and after all of them."""
     n_cases = 8 if quick else 200
-    with tempfile.TemporaryDirectory() as folder, connect_scheduler(1, None) as client:
+    with tempfile.TemporaryDirectory() as folder, Workers(1, None) as one:
         jobs = make_jobs(Path(folder), sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed)
         peaks_mb = []
         for part in (jobs[: n_cases // 4], jobs[n_cases // 4 :]):
-            run_jobs(client, part, _raise)
-            peaks_mb += [max(client.run(peak_memory_mb).values())]
+            run_jobs(one.client, part, _raise)
+            peaks_mb += [max(one.client.run(peak_memory_mb).values())]
     reason = f"{peaks_mb[0]:.0f} MB after {n_cases // 4} cases, {peaks_mb[1]:.0f} MB after {n_cases}"
     bar = 1.1 if quick else 1.05
     return [at_most("sweep.worker.memory", peaks_mb[1] / peaks_mb[0], bar, reason, "of the first quarter")]
@@ -127,10 +126,10 @@ def _time_loop(jobs: Sequence[Job]) -> float:
 
 
 def _time_engine(jobs: Sequence[Job], workers: int, base: str = SMALL) -> float:
-    with connect_scheduler(workers, None) as client:
-        client.run(run_cases, [_warm(jobs, base)])
+    with Workers(workers, None) as some:
+        some.client.run(run_cases, [_warm(jobs, base)])
         started = time.perf_counter()
-        run_jobs(client, jobs, _raise)
+        run_jobs(some.client, jobs, _raise)
         return time.perf_counter() - started
 
 
