@@ -197,8 +197,8 @@ def _settled(stops: _Stops, point: _Point, tried: Sequence[FloatArray]) -> _Poin
         clocks_by_elevation(paths, powers, differences, point.priors)
         for paths, powers in zip(stops.paths, stops.powers, strict=True)
     ]
-    both = [np.append(np.append(*all_of), now) for *all_of, now in zip(tried, shown, point.clock_m, strict=True)]
-    again = _with_best_clocks(stops, point.heights_m, point.priors, both)
+    every = [np.concatenate([*each, [now]]) for *each, now in zip(tried, shown, point.clock_m, strict=True)]
+    again = _with_best_clocks(stops, point.heights_m, point.priors, every)
     return _climbed(stops, _better(point, again), LAST_STEPS)
 
 

@@ -27,8 +27,8 @@ from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import read_times, score_case, score_cases
 from isac_arena.validation.robustness.sweeps import OLD, SCHEDULER, Processes
 from isac_arena.verification.compare import compare_records
-from isac_arena.workers.cluster import connect_scheduler
 from isac_arena.workers.tasks import Future, outcome
+from isac_arena.workers.workers import Workers
 from scenes.toml_config import load_config
 from tests.command_line import arena_here
 from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
@@ -137,7 +137,8 @@ def test_a_case_that_takes_its_worker_down_fails_alone(
 
 
 def test_a_result_that_is_lost_with_its_worker_is_made_again() -> None:
-    with connect_scheduler(1, None) as client:
+    with Workers(1, None) as one:
+        client = one.client
         future = client.submit(list, [None])
         wait(future)
         (worker,) = client.run(os.getpid).values()
@@ -150,7 +151,8 @@ def test_a_result_that_is_lost_with_its_worker_is_made_again() -> None:
 
 @pytest.mark.slow
 def test_a_worker_that_dask_gives_up_is_replaced_by_one_like_it(tmp_path: Path) -> None:
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1ms"}), connect_scheduler(1, None) as client:
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1ms"}), Workers(1, None) as one:
+        client = one.client
         (before,) = client.run(os.getpid).values()
         os.kill(before, signal.SIGKILL)
         assert client.submit(os.getpid, pure=False).result(timeout=120) != before

@@ -11,6 +11,7 @@ from scipy.io import savemat
 from estimation.laws.plane import predict_bounce, predict_los
 from estimation.slam.config import TrajectoryConfig
 from isac_arena.campaign import stages, stored
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.exchange.measurement import import_campaign
 from scenes.pose import Pose
 
@@ -73,7 +74,7 @@ def test_stops_alone_are_exact(directory):
     config = run.config.model_copy(update={"trajectory": TrajectoryConfig(method="single")})
     channel = [estimate.channel for estimate in stored.channel_estimates(store, 12)]
     poses, _ = replace(run, config=config).locate(channel)
-    truth = stages.known_receiver(stored.measured_truths(store, 12))
+    truth = known_receiver(stored.measured_truths(store, 12))
     assert np.allclose(poses.position_m, truth.position_m, atol=1e-3)
     assert np.allclose(poses.clock_bias_s, truth.clock_bias_s, atol=1e-11)
 
