@@ -200,8 +200,7 @@ def _arrives_elsewhere(
     """Whether the arrival alone excludes the path from an image; `last_leg` is its share past the wall."""
     east, north = image[0] - x[0], image[1] - x[1]
     off = wrapped(seen[2] + x[2] - np.arctan2(north, east))
-    from_rx2 = (east**2 + north**2) * last_leg**2
-    return bool(off**2 * from_rx2 > best * (cov[2, 2] * from_rx2 + rough_m**2))
+    return _is_beyond(off, (east**2 + north**2) * last_leg**2, cov[2, 2], rough_m, best)
 
 
 @compiled
@@ -222,9 +221,15 @@ def _is_elsewhere(
             continue
         edge = np.arcsin(abs(circle[2]) / np.sqrt(distance2))
         off = abs(wrapped(seen[angle] + end[2] - np.arctan2(north, east))) - edge
-        if off > 0 and off**2 * distance2 > best * (cov[angle, angle] * distance2 + rough_m**2):
+        if off > 0 and _is_beyond(off, distance2, cov[angle, angle], rough_m, best):
             return True
     return False
+
+
+@compiled
+def _is_beyond(off_rad: float, distance2: float, variance: float, rough_m: float, best: float) -> bool:
+    """Whether an angle alone makes a chi-square above the best, of a rough point at this squared distance."""
+    return bool(off_rad**2 * distance2 > best * (variance * distance2 + rough_m**2))
 
 
 @compiled
