@@ -9,6 +9,7 @@ The solution and the marginal covariances take time linear in the number of stop
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -17,6 +18,14 @@ from scenes.record import FloatArray
 
 _COUPLING = 2  # a stop is coupled to this many later stops
 _ROUNDING = (0.0, 1e-15, 1e-14, 1e-13, 1e-12)  # relative growth of the diagonal, one after the other
+
+
+class ArrowCovariance(NamedTuple):
+    """Blocks of the inverse of an information matrix; those between stops are left out."""
+
+    states: FloatArray  # (stop, state, state)
+    shared: FloatArray  # (shared, shared)
+    across: FloatArray  # (stop, state, shared)
 
 
 @dataclass(frozen=True)
@@ -65,17 +74,18 @@ class ArrowSystem:
         bordered = np.asarray(np.linalg.solve(schur, shared - border.T @ free), float)
         return free - through @ bordered, bordered
 
-    def covariance(self) -> tuple[FloatArray, FloatArray]:
-        """Covariances (stop, state, state) of the states and (shared, shared) of the shared parameters."""
+    def covariance(self) -> ArrowCovariance:
+        """Covariances of the states, of the shared parameters, and of the states with the shared parameters."""
         blocks = self._inverse_blocks()
         n_shared = len(self.corner)
         if not n_shared:
-            return blocks, np.empty((0, 0))
+            return ArrowCovariance(blocks, np.empty((0, 0)), np.empty((*blocks.shape[:2], 0)))
         border = self.border.reshape(len(self.border) * self._size, n_shared)
         through = self._solve_banded(border)
         shared: FloatArray = np.asarray(np.linalg.inv(self.corner - border.T @ through))
         through = through.reshape(-1, self._size, n_shared)
-        return blocks + through @ shared @ np.swapaxes(through, 1, 2), shared
+        across = -through @ shared
+        return ArrowCovariance(blocks - across @ np.swapaxes(through, 1, 2), shared, across)
 
     def log_determinant(self) -> float:
         """Logarithm of the determinant of the matrix. `LinAlgError` as for a solution."""

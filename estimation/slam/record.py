@@ -37,11 +37,16 @@ class IncidencePoints(Record):
         "ip", "xyz", unit="m^2", doc="covariance of the height with x, y and itself; NaN in the plane"
     )
     tx: IntArray = optional_array("ip", dtype=int, doc="index of the TX, among several of a campaign")
+    influence_m: FloatArray = optional_array(
+        "ip", unit="m", doc="by which the position of the stop moves without the path; NaN if not used"
+    )
 
     def __post_init__(self) -> None:
         n = len(self.stop)
         unknown = np.full(n, np.nan), np.full((n, 3), np.nan)
-        self._fill(height_m=unknown[0], height_covariance_m2=unknown[1], tx=np.zeros(n, int))
+        self._fill(
+            height_m=unknown[0], height_covariance_m2=unknown[1], tx=np.zeros(n, int), influence_m=unknown[0]
+        )
         super().__post_init__()
 
     def __len__(self) -> int:
@@ -93,6 +98,12 @@ class PoseEstimates(Record):
         "stop", dtype=bool, doc="solved together with other stops, jumps of the TX heading included"
     )
     tx_clock_bias_s: FloatArray = optional_array("stop", "tx", unit="s", doc="clock bias against every TX")
+    most_influential_path: IntArray = optional_array(
+        "stop", dtype=int, doc="index of the path without which the position moves most; -1 where unknown"
+    )
+    path_influence_m: FloatArray = optional_array(
+        "stop", unit="m", doc="by which the position moves without that path; NaN where unknown"
+    )
 
     def __post_init__(self) -> None:
         n = len(self.stop)
@@ -111,6 +122,8 @@ class PoseEstimates(Record):
             alternative=np.full((n, n_state), np.nan),
             los_probability=unknown,
             is_of_walk=np.zeros(n, bool),
+            most_influential_path=np.full(n, -1),
+            path_influence_m=unknown,
         )
         super().__post_init__()
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
@@ -15,6 +17,7 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, transmitters_of
 from estimation.slam.walk.filter import run_filter
+from estimation.slam.walk.influence import stop_influence, with_influence
 from estimation.slam.walk.trajectory import run_trajectory
 from estimation.steps import steps
 
@@ -103,12 +106,17 @@ def run_slam(
     """Solve every stop alone, then map the IPs of the solved stops; in space or in the plane as `locate_and_map`.
 
     An IP is an inlier where both SLAM and the gate of mapping accept its path as a single bounce. The covariance
-    of the state is part of that of the IPs.
+    of the state is part of that of the IPs. The influence of paths is that of the statistical method in the plane.
     """
     spatial = is_spatial(estimates, use_elevation=config.solves_in_space)
     if spatial:
         first = transmitters_of(tx_pose).poses[0]
         solutions = [solve_spatial(estimate, first, config) for estimate in steps(estimates, "stop")]
-    else:
-        solutions = [solve_snapshot(estimate, tx_pose, config) for estimate in steps(estimates, "stop")]
-    return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)
+        return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=True)
+    solutions = [solve_snapshot(estimate, tx_pose, config) for estimate in steps(estimates, "stop")]
+    mapped = collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=False)
+    if config.method == "reference":
+        return mapped
+    pairs = zip(estimates, solutions, strict=True)
+    influence_m = [stop_influence(estimate, tx_pose, solution, config) for estimate, solution in pairs]
+    return with_influence(*mapped, estimates, np.concatenate([np.zeros(0), *influence_m]))

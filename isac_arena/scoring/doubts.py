@@ -27,6 +27,7 @@ NEEDED = (
 SHOWN_BY = (
     "'arena report' shows which, under '{}', as the contours of scores.tables.mapping and .slam do in Python"
 )
+HANGS_M = 0.1  # that one path alone moves a position: more than the paths of a good stop disagree
 MORE_STOPS = "more stops (n_stops of the walk)"
 STATED = {
     "channel": "paths",
@@ -276,7 +277,7 @@ def run_doubts(metrics: Sequence[Metric], poses: PoseEstimates) -> tuple[str, ..
 
 
 def estimate_doubts(poses: PoseEstimates) -> tuple[str, ...]:
-    """What the estimates of SLAM say themselves: stops not located, or with a second solution as good."""
+    """What the estimates of SLAM say themselves: stops not located, with a second solution, or on one path."""
     return tuple(_estimate_doubts(poses.take("stop", poses.status != SolveStatus.GIVEN)))
 
 
@@ -290,3 +291,8 @@ def _estimate_doubts(poses: PoseEstimates) -> Iterator[str]:
     if second := poses.stop[poses.is_ambiguous & (poses.status != SolveStatus.FAILED)].tolist():
         what = "a second solution that is about as good, or too few paths to tell"
         yield f"SLAM has {what}, at stop {listed(second)}"
+    hangs = (poses.path_influence_m > HANGS_M) & ~poses.is_ambiguous & (poses.status != SolveStatus.FAILED)
+    if hangs.any():
+        most_m = poses.path_influence_m[hangs].max()
+        where = f"stop {listed(poses.stop[hangs].tolist())}"
+        yield f"SLAM hangs on one path at {where}: without it the position moves, by {most_m:.2g} m at most"

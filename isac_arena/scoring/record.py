@@ -159,6 +159,10 @@ class PoseScores(Record):
     position_bound_m: FloatArray = array("stop", unit="m", doc="bound of the position from this stop alone")
     heading_bound_rad: FloatArray = array("stop", unit="rad", doc="bound of the heading from this stop alone")
     clock_bound_s: FloatArray = array("stop", unit="s", doc="bound of the clock bias from this stop alone")
+    most_influential_path: IntArray = array(
+        "stop", dtype=int, doc="index of the path without which the position moves most; -1 where unknown"
+    )
+    path_influence_m: FloatArray = array("stop", unit="m", doc="by which it moves without that path, or NaN")
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from estimation.slam.snapshot.solution import PLANE_OF_SPACE, SnapshotSolution
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import SpatialProblem, bounce_fit, los_fit, spatial_problem
 from estimation.slam.space.snapshot import solve_spatial
+from estimation.slam.walk.influence import with_influence
 from estimation.slam.walk.residuals import SINGLE_BOUNCES, PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, flags_by_stop, run_trajectory, turn_departures
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -75,7 +76,7 @@ def run_spatial_trajectory(
     )
     flags, known = flags_by_stop(estimates, details), list(np.nan_to_num(covariance))
     points = map_stops_spatial(shifted, poses, tx_pose, mapping_config, **flags, state_covariance=known)
-    return poses, points, details
+    return *with_influence(poses, points, estimates, details.path_influence_m), details
 
 
 def _walked(

@@ -296,7 +296,7 @@ def _confirm_bounces(
     kind[doubted] = PathClass.UNUSED
     without = replace(link, kind=kind)
     alone = minimise_robust_cost(seen, without, now, config)
-    covariance, _ = normal_equations(seen, without, alone, config).covariance()
+    covariance = normal_equations(seen, without, alone, config).covariance().states
     row = seen.row[doubted]
     terms = own_bounces(seen, alone, doubted)
     own = state_columns(seen.tx_of_path[doubted])

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from estimation.laws.raised import PathHeights
+from estimation.slam.snapshot.problem import SnapshotProblem
 from estimation.slam.snapshot.refine import BounceResidual, bounce_terms
 from estimation.slam.transmitters import AnyTx, transmitters_of
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -91,6 +92,23 @@ class Observations:
         return replace(
             self, row=self.row[path], measured=kept[0], covariance=kept[1], link=kept[2], heights=heights
         )
+
+
+def observations(problems: Sequence[SnapshotProblem], tx_pose: AnyTx, floor: FloatArray) -> Observations:
+    """All paths of all stops in one table; `floor` (3, 3) is part of their covariances."""
+    measured = [problem.measured for problem in problems]
+    covariance = [problem.covariance for problem in problems]
+    every = np.concatenate([np.empty((0, 3)), *measured])
+    return Observations(
+        tx_pose,
+        len(problems),
+        np.repeat(np.arange(len(problems)), [len(m) for m in measured]),
+        every,
+        np.concatenate([np.empty((0, 3, 3)), *covariance]),
+        floor,
+        np.concatenate([np.zeros(0, np.int64), *(problem.link for problem in problems)]),
+        is_mirrored=bool(np.all(np.cos(every[:, 1]) > 0)),
+    )
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,8 @@ def solution_covariance(
     """
     residuals = linearise(seen, link, now, config)
     weight = residuals.efficient_weight(config.degrees_of_freedom)
-    return _system(residuals, now, config, weight).covariance()
+    states, shared, _ = _system(residuals, now, config, weight).covariance()
+    return states, shared
 
 
 class _PathTerms(NamedTuple):

@@ -20,6 +20,7 @@ from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_prob
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
 from estimation.slam.walk.alternation import smooth_walk
+from estimation.slam.walk.influence import shifts_without, widened, with_influence
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes, with_places
 from estimation.slam.walk.motion import course_of, leaps
 from estimation.slam.walk.neighbours import interpolated
@@ -31,6 +32,7 @@ from estimation.slam.walk.residuals import (
     Observations,
     PathClass,
     TrajectoryState,
+    observations,
     spare_equations,
 )
 from estimation.slam.walk.smoother import robust_cost, solution_covariance
@@ -59,6 +61,9 @@ class TrajectoryDetails(Record):
     object_covariance: FloatArray = array("object", "circle", "circle2", unit="m^2", doc="of the objects")
     path_stop: IntArray = array("path", dtype=int, doc="stop of every path, in the order of the estimates")
     path_kind: IntArray = array("path", dtype=int, doc="PathClass: kind of the path")
+    path_influence_m: FloatArray = array(
+        "path", unit="m", doc="by which its stop moves without it; NaN if not used"
+    )
 
 
 def run_trajectory(
@@ -94,17 +99,19 @@ def run_trajectory(
     for stop, place in places.items():
         is_known[stop] |= place.evidence > LEAST_EVIDENCE and place.position_std_m < snapshot.max_position_std_m
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
+    shift = shifts_without(seen, link, now, config)
+    covariance = widened(covariance, shift, seen.row)
     cost = robust_cost(seen, link, now, config) / seen.n_stops
     poses = _poses(estimates, now, link, seen, is_known, is_los, cost)
     from_tx = now.state[:, :2] - transmitters_of(tx_pose).rows[0, :2]
     covariance[:, :4, :4] += snapshot.consider.covariance(from_tx)
     is_sure = (spare_equations(seen, link) >= LEAST_SPARE) & ~leaps(now.state)
     poses = _with_covariance(poses, covariance, with_places(rivals, places), is_sure, snapshot)
-    details = _details(now, link, seen, chosen, shared_covariance)
+    details = _details(now, link, seen, chosen, shared_covariance, np.hypot(*shift[:, :2].T))
     shifted, joint = turn_departures(estimates, details), list(poses.covariance)
     flags = flags_by_stop(estimates, details)
     points = map_each_tx(map_stops, shifted, poses, tx_pose, mapping_config, **flags, state_covariance=joint)
-    return poses, points, details
+    return *with_influence(poses, points, estimates, details.path_influence_m), details
 
 
 def turn_departures(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> list[ChannelEstimate]:
@@ -123,23 +130,6 @@ def flags_by_stop(estimates: Sequence[ChannelEstimate], details: TrajectoryDetai
         "is_los": [k == PathClass.LOS for k in kinds],
         "is_inlier": [np.isin(k, SINGLE_BOUNCES) for k in kinds],
     }
-
-
-def observations(problems: Sequence[SnapshotProblem], tx_pose: AnyTx, floor: FloatArray) -> Observations:
-    """All paths of all stops in one table; `floor` (3, 3) is part of their covariances."""
-    measured = [problem.measured for problem in problems]
-    covariance = [problem.covariance for problem in problems]
-    every = np.concatenate([np.empty((0, 3)), *measured])
-    return Observations(
-        tx_pose,
-        len(problems),
-        np.repeat(np.arange(len(problems)), [len(m) for m in measured]),
-        every,
-        np.concatenate([np.empty((0, 3, 3)), *covariance]),
-        floor,
-        np.concatenate([np.zeros(0, np.int64), *(problem.link for problem in problems)]),
-        is_mirrored=bool(np.all(np.cos(every[:, 1]) > 0)),
-    )
 
 
 def initial_state(modes: Sequence[Sequence[Fit]], chosen: IntArray, seen: Observations) -> TrajectoryState:
@@ -240,7 +230,12 @@ def _with_covariance(
 
 
 def _details(
-    now: TrajectoryState, link: Association, seen: Observations, chosen: IntArray, shared: FloatArray
+    now: TrajectoryState,
+    link: Association,
+    seen: Observations,
+    chosen: IntArray,
+    shared: FloatArray,
+    influence_m: FloatArray,
 ) -> TrajectoryDetails:
     sessions, walls = len(now.offset_rad), len(now.walls)
     offset_std = np.sqrt(np.diag(shared)[:sessions])
@@ -257,6 +252,7 @@ def _details(
         object_covariance=_blocks(shared, sessions + 2 * walls, len(now.objects), 3),
         path_stop=seen.row,
         path_kind=link.kind,
+        path_influence_m=influence_m,
     )
 
 
@@ -271,7 +267,7 @@ def _unsolved(
     now = TrajectoryState(state, offset, walls, objects, session, 0, course)
     link = Association(np.full(m, PathClass.UNUSED), np.full((m, 2), -1))
     poses = _poses(estimates, now, link, seen, chosen >= 0, np.zeros(m, bool), np.nan)
-    details = _details(now, link, seen, chosen, np.zeros((seen.n_tx, seen.n_tx)))
+    details = _details(now, link, seen, chosen, np.zeros((seen.n_tx, seen.n_tx)), np.full(m, np.nan))
     return poses, map_each_tx(map_stops, estimates, poses, tx_pose, config), details
 
 

@@ -96,6 +96,8 @@ def score_poses(
         position_bound_m=bound.position_m,
         heading_bound_rad=bound.heading_rad,
         clock_bound_s=bound.clock_m / SPEED_OF_LIGHT_M_S,
+        most_influential_path=np.where(solved, estimate.most_influential_path, -1),
+        path_influence_m=_where(solved, estimate.path_influence_m),
     )
 
 

@@ -41,9 +41,10 @@ def test_solution_and_marginals_are_those_of_the_dense_matrix(n, shared):
     states, rest = system.solve()
     np.testing.assert_allclose(np.concatenate([states.ravel(), rest]), -np.linalg.solve(dense, gradient))
     inverse = np.linalg.inv(dense)
-    blocks, corner = system.covariance()
+    blocks, corner, across = system.covariance()
     for k in range(n):
         np.testing.assert_allclose(blocks[k], inverse[4 * k : 4 * k + 4, 4 * k : 4 * k + 4], rtol=1e-6)
+        np.testing.assert_allclose(across[k], inverse[4 * k : 4 * k + 4, 4 * n :], rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(corner, inverse[4 * n :, 4 * n :], rtol=1e-6)
     assert system.log_determinant() == pytest.approx(np.linalg.slogdet(dense)[1])
 

@@ -5,9 +5,8 @@ import numpy as np
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.problem import snapshot_problem
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
-from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
+from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState, observations
 from estimation.slam.walk.smoother import minimise_robust_cost
-from estimation.slam.walk.trajectory import observations
 from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_walk
 from isac_arena.validation.scenarios.stops import observe_stop
 from isac_arena.validation.slam.trials import NOISE

@@ -181,6 +181,10 @@ def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) 
     assert not estimate_doubts(given)
     two = replace(poses, is_ambiguous=np.arange(len(poses.stop)) < 2)
     assert "at stop 0, 1" in "".join(estimate_doubts(two))
+    hangs = replace(poses, path_influence_m=np.where(poses.stop == 1, 0.42, 0.01))
+    assert "hangs on one path at stop 1: without it the position moves, by 0.42 m" in "".join(
+        estimate_doubts(hangs)
+    )
 
 
 def test_few_stops_are_told_before_a_run() -> None:

@@ -86,6 +86,10 @@ function stopFacts(row) {
       + `${bound(stops.position_bound_m[row], "m")}, heading ${measured(stops.heading_error_deg[row], "deg", true)}`
       + `${bound(stops.heading_bound_deg[row], "deg")}, clock ${measured(stops.clock_error_ns[row], "ns", true)}`
       + `${bound(stops.clock_bound_ns[row], "ns")}.`);
+    if (stops.influential[row] >= 0) {
+      words.push(`Path ${stops.influential[row]} holds it most: without that path the position moves by`
+        + ` ${measured(stops.influence_m[row], "m")}.`);
+    }
   }
   const fitted = data.scene.txs.length > 1 ? 0 : Number(/max_paths = (\d+) reached/.exec(estimated.reason)?.[1] ?? 0);
   if (fitted > estimated.status.length) {

@@ -121,6 +121,8 @@ def _stops(scene: Scene, poses: PoseScores) -> Payload:
         "position_bound_m": significant(poses.position_bound_m),
         "heading_bound_deg": significant(np.rad2deg(poses.heading_bound_rad)),
         "clock_bound_ns": significant(1e9 * poses.clock_bound_s),
+        "influential": poses.most_influential_path.tolist(),
+        "influence_m": significant(poses.path_influence_m),
     }
 
 
