@@ -7,6 +7,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.influence import stop_influence, with_influence
 from estimation.slam.level import KnownHeights, solved_from_above
 from estimation.slam.mapped_solutions import collect_and_map
 from estimation.slam.record import IncidencePoints, PoseEstimates
@@ -17,7 +18,6 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, transmitters_of
 from estimation.slam.walk.filter import run_filter
-from estimation.slam.walk.influence import stop_influence, with_influence
 from estimation.slam.walk.trajectory import run_trajectory
 from estimation.steps import steps
 

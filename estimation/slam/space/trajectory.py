@@ -16,13 +16,13 @@ from estimation.channel.record import ChannelEstimate
 from estimation.inference.least_squares import student_t_efficiency
 from estimation.laws.space import bounce_equations
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.influence import with_influence
 from estimation.slam.level import interpolated
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.solution import PLANE_OF_SPACE, SnapshotSolution
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import SpatialProblem, bounce_fit, los_fit, spatial_problem
 from estimation.slam.space.snapshot import solve_spatial
-from estimation.slam.walk.influence import with_influence
 from estimation.slam.walk.residuals import SINGLE_BOUNCES, PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, flags_by_stop, run_trajectory, turn_departures
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose

@@ -13,6 +13,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.influence import shifts_without, widened, with_influence
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.evidence import power_law
@@ -20,7 +21,6 @@ from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_prob
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
 from estimation.slam.walk.alternation import smooth_walk
-from estimation.slam.walk.influence import shifts_without, widened, with_influence
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes, with_places
 from estimation.slam.walk.motion import course_of, leaps
 from estimation.slam.walk.neighbours import interpolated

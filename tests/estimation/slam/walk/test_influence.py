@@ -8,9 +8,9 @@ import pytest
 from estimation.laws.plane import predict_los
 from estimation.laws.wall import predict_walls
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.influence import shifts_without, widened
 from estimation.slam.record import SolveStatus
 from estimation.slam.stops import locate_and_map
-from estimation.slam.walk.influence import shifts_without, widened
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import minimise_robust_cost
