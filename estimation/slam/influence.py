@@ -13,7 +13,7 @@ from estimation.slam.snapshot.solution import SnapshotSolution
 from estimation.slam.transmitters import AnyTx
 from estimation.slam.walk.linearise import Linearised, linearise
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, observations
-from estimation.slam.walk.smoother import normal_equations
+from estimation.slam.walk.smoother import system_at
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 
@@ -33,7 +33,7 @@ def shifts_without(
     """
     paths, n_state = linearise(seen, link, now, config), now.state.shape[1]
     weight = paths.weight(config.degrees_of_freedom)
-    covariance = normal_equations(seen, link, now, config).covariance()
+    covariance = system_at(paths, now, config).covariance()
     used = np.flatnonzero(weight)
     order = used[np.argsort(paths.row[used], kind="stable")]
     shift = np.full((len(seen.row), n_state), np.nan)
@@ -109,14 +109,13 @@ def with_influence(
 
     `influence_m` (path,) is that of all paths of the estimates, one stop after the other; NaN where unknown.
     """
-    counts = [len(estimate) for estimate in estimates]
-    first = np.cumsum([0, *counts])
+    ends = np.cumsum([len(estimate) for estimate in estimates], dtype=int)
+    of_stop = dict(zip(poses.stop.tolist(), np.split(influence_m, ends[:-1]), strict=False))
     most, largest = np.full(len(poses.stop), -1), np.full(len(poses.stop), np.nan)
-    for stop, own in enumerate(np.split(influence_m, first[1:-1])):
+    for k, own in enumerate(of_stop.values()):
         if np.isfinite(own).any():
-            most[stop] = np.nanargmax(own)
-            largest[stop] = own[most[stop]]
-    place = {number: start for number, start in zip(poses.stop.tolist(), first.tolist(), strict=False)}
-    row = np.array([place[number] for number in points.stop.tolist()], int) + points.path
+            most[k] = np.nanargmax(own)
+            largest[k] = own[most[k]]
+    own_m = [of_stop[stop][path] for stop, path in zip(points.stop.tolist(), points.path.tolist(), strict=True)]
     poses = replace(poses, most_influential_path=most, path_influence_m=largest)
-    return poses, replace(points, influence_m=influence_m[row])
+    return poses, replace(points, influence_m=np.array(own_m, float))

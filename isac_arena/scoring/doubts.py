@@ -288,11 +288,11 @@ def _estimate_doubts(poses: PoseEstimates) -> Iterator[str]:
     elif lost:
         of = f"{len(lost)} of {counted(len(poses.stop), 'stop')}"
         yield f"SLAM did not locate {of}, stop {listed(lost)}; its scores and its map leave these out: {NEEDED}"
-    if second := poses.stop[poses.is_ambiguous & (poses.status != SolveStatus.FAILED)].tolist():
+    poses = poses.take("stop", poses.status != SolveStatus.FAILED)
+    if second := poses.stop[poses.is_ambiguous].tolist():
         what = "a second solution that is about as good, or too few paths to tell"
         yield f"SLAM has {what}, at stop {listed(second)}"
-    hangs = (poses.path_influence_m > HANGS_M) & ~poses.is_ambiguous & (poses.status != SolveStatus.FAILED)
-    if hangs.any():
-        most_m = poses.path_influence_m[hangs].max()
-        where = f"stop {listed(poses.stop[hangs].tolist())}"
-        yield f"SLAM hangs on one path at {where}: without it the position moves, by {most_m:.2g} m at most"
+    hangs = poses.take("stop", (poses.path_influence_m > HANGS_M) & ~poses.is_ambiguous)
+    if stops := hangs.stop.tolist():
+        most = f"{hangs.path_influence_m.max():.2g} m at most"
+        yield f"SLAM hangs on one path at stop {listed(stops)}: without it the position moves, by {most}"

@@ -39,7 +39,7 @@ def minimise_robust_cost(
         return _WalkPoint(now, residuals, _cost(residuals, now, config))
 
     def attempt(at: _WalkPoint, damping: float) -> Attempt[_WalkPoint]:
-        step = _system(at.residuals, at.now, config).damped(damping).solve()
+        step = system_at(at.residuals, at.now, config).damped(damping).solve()
         trial = point(at.now.moved(*step))
         return Attempt(trial, at.cost, trial.cost)
 
@@ -74,7 +74,7 @@ def normal_equations(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> ArrowSystem:
     """Information and gradient of the re-weighted problem at the present unknowns."""
-    return _system(linearise(seen, link, now, config), now, config)
+    return system_at(linearise(seen, link, now, config), now, config)
 
 
 def state_equations(
@@ -97,7 +97,7 @@ def solution_covariance(
     """
     residuals = linearise(seen, link, now, config)
     weight = residuals.efficient_weight(config.degrees_of_freedom)
-    states, shared, _ = _system(residuals, now, config, weight).covariance()
+    states, shared, _ = system_at(residuals, now, config, weight).covariance()
     return states, shared
 
 
@@ -134,9 +134,10 @@ def _path_terms(
     return terms
 
 
-def _system(
+def system_at(
     residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
 ) -> ArrowSystem:
+    """As `normal_equations`, of linearised paths; with a `weight` (path,) in place of that of their residuals."""
     diagonal, border, corner, gradient, shared_gradient = _path_terms(residuals, now, now.n_shared, config, weight)
     is_expected = weight is not None
     next1, next2 = add_motion(now.state, now.course, config, diagonal, gradient, as_expected=is_expected)
