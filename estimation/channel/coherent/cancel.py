@@ -7,7 +7,15 @@ bound. True phases are independent: even with equal amplitudes two true paths ca
 
 import numpy as np
 
-from estimation.channel.coherent.refine import Reference, Solution, refine_near
+from estimation.channel.coherent.hidden import LEAST_SEEN
+from estimation.channel.coherent.refine import (
+    Reference,
+    Solution,
+    joint_covariance,
+    refine_near,
+    refine_separately,
+    response_powers,
+)
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.pose import wrap_angle
@@ -19,10 +27,25 @@ CLOSE_CANCELLED = 4.0  # as `CANCELLED`, of paths that are close too: one true p
 CLOSE = 0.97  # squared coherence of close paths, 0.1 cell apart
 SAME = 0.997  # of paths in one place, 0.03 cell apart
 APART_CELLS = (0.5, 1.0)  # resolution cells between two cancelling paths after they are separated
+UNIFORM_VARIANCE = 1 / 12  # of a position in a resolution cell, in cells
 
 
 def without_cancelling_paths(reference: Reference, solution: Solution, max_steps: int) -> Solution:
-    """The solution without paths that cancel each other or coincide.
+    """The solution without paths that cancel each other or coincide, in pairs or in groups."""
+    return _without_lost_groups(reference, _without_pairs(reference, solution, max_steps), max_steps)
+
+
+def is_lost(variance: FloatArray, rate: FloatArray) -> BoolArray:
+    """Mask (path,) of places known no better than to their resolution cell, along any axis that beams resolve.
+
+    From variances (path, parameter) of places, and `rate` (path, parameter), their length on the manifold.
+    """
+    is_seen = rate > LEAST_SEEN * rate.max(axis=0, initial=0.0)
+    return np.asarray((is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1))
+
+
+def _without_pairs(reference: Reference, solution: Solution, max_steps: int) -> Solution:
+    """The solution without pairs that cancel each other or coincide.
 
     They are separated by the distance whose refit explains most and has no such pair, else merged into one.
     """
@@ -43,6 +66,23 @@ def without_cancelling_paths(reference: Reference, solution: Solution, max_steps
     return solution
 
 
+def _without_lost_groups(reference: Reference, solution: Solution, max_steps: int) -> Solution:
+    """The solution without groups of neighbours that noise alone leaves lost: each becomes one path.
+
+    It starts as the path of the group that alone explains most. Strong groups are the first.
+    """
+    for _ in range(len(solution.paths)):
+        group = _strongest_lost_group(reference, solution)
+        if not group.any():
+            break
+        others, several = solution.paths.take(~group), solution.paths.take(group)
+        without = Reference(reference.sweep, solution.paths).with_path_back(several)
+        alone, power = refine_separately(without, several)
+        one = alone.take(np.array([power.argmax()]))
+        solution = refine_near(reference, others.joined(one), several, max_steps)
+    return solution
+
+
 def cancelling_coherence(solution: Solution) -> FloatArray:
     """Squared coherence (path, path) of pairs that do not exist in scenes, 0 for all others.
 
@@ -50,14 +90,30 @@ def cancelling_coherence(solution: Solution) -> FloatArray:
     matched filter shows for it and all its neighbours together. The closer they are, the less is far.
     """
     inner, amplitude = solution.inner, solution.paths.amplitude
-    energy = np.diagonal(inner).real
-    coherence = np.square(np.abs(inner)) / (energy[:, None] * energy)
+    energy, coherence = np.diagonal(inner).real, _coherence(solution)
     is_near = coherence >= NEAR
     together = np.square(np.abs(np.where(is_near, inner, 0.0) @ amplitude)) / energy
     least = np.where(coherence >= CLOSE, CLOSE_CANCELLED, CANCELLED)
     is_cancelled = (np.square(np.abs(amplitude)) * energy)[:, None] >= least * together[:, None]
     np.fill_diagonal(coherence, 0.0)
     return np.where((coherence >= SAME) | (is_near & is_cancelled), coherence, 0.0)
+
+
+def _coherence(solution: Solution) -> FloatArray:
+    """Squared coherence (path, path) of the responses of paths."""
+    energy = np.diagonal(solution.inner).real
+    return np.asarray(np.square(np.abs(solution.inner)) / (energy[:, None] * energy))
+
+
+def _strongest_lost_group(reference: Reference, solution: Solution) -> BoolArray:
+    """Mask (path,) of the strongest path that is lost beside lost neighbours, and of these; empty if none is."""
+    covariance = joint_covariance(solution, reference.sweep.n_subcarriers)
+    lost = is_lost(np.einsum("papa->pa", covariance), manifold_rates(reference.sweep, solution.paths))
+    groups = (_coherence(solution) >= NEAR) & lost & lost[:, None]
+    among = groups.sum(axis=1, initial=0) > 1
+    if not among.any():
+        return among
+    return np.asarray(groups[np.where(among, response_powers(solution), 0.0).argmax()])
 
 
 def _worst_pair(solution: Solution) -> BoolArray:

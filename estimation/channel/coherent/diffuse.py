@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.channel.coherent.cancel import is_lost
 from estimation.channel.coherent.hidden import LEAST_SEEN
 from estimation.channel.coherent.misfit import PathErrors, error_scale, quadrature_statistic, weak_field
 from estimation.channel.coherent.moving import shift_covariance
@@ -27,13 +28,12 @@ from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.model.compress import CompressedSweep
-from estimation.channel.model.manifold import CELL, Manifold
+from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
 
 OWN_SHARE = 0.5  # of the energy of a path, which others cannot replace: with less it may be redundant
-UNIFORM_VARIANCE = 1 / 12  # of a position in a resolution cell, in cells
 QUADRANT_VARIANCE = (np.pi / 2) ** 2 / 12  # of an azimuth in a quadrant: at the edge of a panel, cells are as wide
 
 
@@ -105,12 +105,12 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     rate = manifold_rates(sweep, paths)[:, :n_places]
     rate[:, 0] /= sweep.bin_s
     variance = np.einsum("ipp->ip", fit.covariance)[:, :n_places]
+    lost = is_lost(variance, rate)
     is_seen = rate > LEAST_SEEN * rate.max(axis=0, initial=0.0)
-    is_lost = (is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1)
-    is_lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
-    is_lost |= companions(fit, sweep.tx, sweep.rx)
+    lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
+    lost |= companions(fit, sweep.tx, sweep.rx)
     is_faint = _is_over_background(sweep, paths.delay_bins) & (fit.snr_db < 10 * np.log10(level))
-    return np.asarray(fit.is_weak | is_lost | is_faint)
+    return np.asarray(fit.is_weak | lost | is_faint)
 
 
 def _is_over_background(sweep: CompressedSweep, delay_bins: FloatArray) -> BoolArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel.coherent.cancel import cancelling_coherence, without_cancelling_paths
 from estimation.channel.coherent.prune import prune_paths
-from estimation.channel.coherent.refine import Reference, refine_paths, solve_at
+from estimation.channel.coherent.refine import Reference, Solution, refine_paths, solve_at
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
@@ -73,3 +73,27 @@ def test_true_pairs_are_kept_at_any_phases() -> None:
         reference = Reference(sweep, truth.take(slice(0)))
         fitted = refine_paths(reference, truth, 30)
         assert without_cancelling_paths(reference, fitted, 30) is fitted
+
+
+def _fitted_three(true_bins: list[float], fitted_bins: list[float], snr_db: float) -> Solution:
+    """A fit of three paths from these places, in bins from 200 ns, to a sweep with paths at the true ones."""
+    n, delay_ns = len(true_bins), 200.0 + CELL_NS * np.array(true_bins)
+    phase = np.linspace(0.0, 2.0, n)
+    paths = plain_paths(SMALL, delay_ns, [5.0] * n, [-9.0] * n, snr_db, phase=phase)
+    sweep = compressed(plain_sweep(SMALL, paths, np.random.default_rng(3)))
+    bins = 200.0 / CELL_NS + np.array(fitted_bins)
+    alike = (value[:1].repeat(3, axis=0) for value in (paths.aod_rad, paths.aoa_rad, paths.amplitude))
+    three = PathParameters(bins, *alike)
+    reference = Reference(sweep, three.take(slice(0)))
+    return without_cancelling_paths(reference, refine_paths(reference, three, 30), 30)
+
+
+def test_a_group_in_place_of_one_path_is_merged() -> None:
+    found = _fitted_three([0.0], [-0.15, 0.0, 0.15], 60.0).paths
+    assert len(found) < 3
+    assert np.isclose(found.delay_bins[np.abs(found.amplitude).argmax()], 200.0 / CELL_NS, atol=1e-3)
+
+
+def test_a_group_that_noise_does_not_lose_is_kept() -> None:
+    found = _fitted_three([-0.7, 0.0, 0.7], [-0.7, 0.0, 0.7], 50.0).paths
+    assert np.allclose(np.sort(found.delay_bins), 200.0 / CELL_NS + np.array([-0.7, 0.0, 0.7]), atol=0.02)
