@@ -110,7 +110,7 @@ def _strongest_lost_group(reference: Reference, solution: Solution) -> BoolArray
     covariance = joint_covariance(solution, reference.sweep.n_subcarriers)
     lost = is_lost(np.einsum("papa->pa", covariance), manifold_rates(reference.sweep, solution.paths))
     groups = (_coherence(solution) >= NEAR) & lost & lost[:, None]
-    among = groups.sum(axis=1, initial=0) > 1
+    among: BoolArray = groups.sum(axis=1) > 1
     if not among.any():
         return among
     return np.asarray(groups[np.where(among, response_powers(solution), 0.0).argmax()])

@@ -29,6 +29,28 @@ def alike_directions(manifold: Manifold, angles: FloatArray, likeness: FloatArra
     return padded_rows(rows)
 
 
+def twins_on_cone(manifold: Manifold, angles: FloatArray, least: float) -> list[FloatArray]:
+    """Of every direction (direction, 2) the others (twin, 2) on its cone where the likeness has a maximum.
+
+    The cone is that about the boresight of its best panel, on which the columns of the panel respond alike. Maxima
+    below `least` do not count. Two that lie on both sides of a fold are less than a resolution cell apart.
+    """
+    elevation = manifold.elevations()
+    boresight = manifold.best_panel_rad(angles)[:, None]
+    sine = np.sin(angles[:, :1] - boresight) * np.cos(angles[:, 1:]) / np.cos(elevation)
+    azimuth = wrap_angle(boresight + np.arcsin(np.clip(sine, -1.0, 1.0)))
+    on_cone = np.stack([azimuth, np.broadcast_to(elevation, azimuth.shape)], axis=2)
+    response = manifold.response(on_cone.reshape(-1, 2)).reshape(*azimuth.shape, -1)
+    own = manifold.response(angles)
+    norm = np.linalg.norm(response, axis=2) * np.linalg.norm(own, axis=1)[:, None]
+    likeness = np.abs(np.einsum("deb,db->de", response, own.conj())) / np.maximum(norm, np.finfo(float).tiny)
+    likeness = np.where(np.abs(sine) < 1, likeness, 0.0)
+    inside = likeness[:, 1:-1]
+    is_twin = (inside >= least) & (inside > likeness[:, :-2]) & (inside >= likeness[:, 2:])
+    is_twin &= np.abs(elevation[1:-1] - angles[:, 1:]) > elevation[1] - elevation[0]
+    return [one[1:-1][twin] for one, twin in zip(on_cone, is_twin, strict=True)]
+
+
 def padded_rows(rows: list[IntArray]) -> IntArray:
     """Rows (row, place) of equal length, padded with the number of the row."""
     table = np.tile(np.arange(len(rows))[:, None], (1, max(1, *(len(row) for row in rows))))

@@ -5,10 +5,14 @@ import pytest
 
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.coherent.plan import nominal_manifold
+from estimation.channel.coherent.refine import Reference, refine_paths, solve_at
 from estimation.channel.coherent.search import direction_grid
+from estimation.channel.coherent.twins import TwinChooser
+from estimation.channel.model.alike import twins_on_cone
 from estimation.channel.model.compress import beam_span
 from estimation.channel.model.direction_prior import direction_log_prior
 from estimation.channel.model.manifold import CELL
+from estimation.channel.model.path_model import PathParameters, no_paths
 from scenes.pose import wrap_angle
 from sim.config import ArrayConfig
 from tests.estimation.channel.plain_sweeps import PANELS, compressed, plain_link, plain_paths, plain_sweep
@@ -39,7 +43,7 @@ def test_beams_at_one_elevation_have_no_twins_inside_their_sector() -> None:
     assert direction_grid(manifold, 2.0).twin.shape[1] == 1
 
 
-@pytest.mark.parametrize("elevation_deg", [-18.0, -6.0, 4.0, 12.0, 18.0])
+@pytest.mark.parametrize("elevation_deg", [-18.0, -6.0, 4.0, 12.0, 18.0, 28.0])
 @pytest.mark.parametrize("snr_db", [30.0, 60.0])
 def test_one_path_is_found_at_its_own_elevation(elevation_deg: float, snr_db: float) -> None:
     """At departure the other directions of the same ratio are as likely by the samples."""
@@ -49,6 +53,25 @@ def test_one_path_is_found_at_its_own_elevation(elevation_deg: float, snr_db: fl
     assert len(fit) == 1
     np.testing.assert_allclose(np.rad2deg(fit.aod_rad), aod, atol=2.5 if snr_db < 50 else 0.5)
     np.testing.assert_allclose(np.rad2deg(fit.aoa_rad), aoa, atol=2.5 if snr_db < 50 else 0.5)
+
+
+def test_a_path_moves_to_its_twin_beyond_a_fold() -> None:
+    """The two directions are less than a resolution cell apart, and the ratio of gains has its extreme between."""
+    steeper = ArrayConfig(columns=8, beams_per_panel=8, beam_elevation_deg=[-12.0, 12.0], sector_deg=120.0)
+    link, place = plain_link(tx=steeper, rx=RX), ([[-3.0, 33.0]], [[100.0, 33.0]])
+    sweep = compressed(plain_sweep(link, plain_paths(link, [200.0], *place, 60.0), np.random.default_rng(3)))
+    aod, aoa = np.deg2rad(place[0]), np.deg2rad(place[1])
+    twins = twins_on_cone(sweep.tx, aod, 0.99)[0]
+    steep = twins[np.argmax(twins[:, 1])]
+    apart = np.abs(steep - aod[0]) * np.minimum(sweep.tx.rates(aod)[0], sweep.tx.rates(steep[None])[0])
+    assert np.rad2deg(steep[1]) > 45.0 and apart.max() < CELL
+    nothing = Reference(sweep, no_paths(sweep))
+    wrong = PathParameters(np.array([200e-9 / sweep.bin_s]), steep[None], aoa, np.ones(1, complex))
+    found = refine_paths(nothing, wrong, 30)
+    assert np.rad2deg(found.paths.aod_rad[0, 1]) > 45.0
+    reference = Reference(sweep, found.paths)
+    chosen = TwinChooser()(reference, solve_at(reference, found.paths), 10)
+    np.testing.assert_allclose(np.rad2deg(chosen.paths.aod_rad), place[0], atol=0.5)
 
 
 def test_the_prior_prefers_equal_low_elevations_in_front() -> None:
