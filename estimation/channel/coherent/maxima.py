@@ -6,6 +6,7 @@ from estimation.channel.coherent.mirror import PairMirror
 from estimation.channel.coherent.moving import move_to_likelier_turns
 from estimation.channel.coherent.raised import PathRaiser
 from estimation.channel.coherent.refine import Reference, Solution, solve_at
+from estimation.channel.coherent.search import DirectionGrid
 from estimation.channel.coherent.twins import TwinChooser
 from scenes.record import FloatArray
 
@@ -18,8 +19,8 @@ Move = Callable[[Reference, Solution], Solution]
 class HigherMaximum:
     """Moves of one stop; a path needs the power `level` to be there."""
 
-    def __init__(self, turns: FloatArray, level: float) -> None:
-        raise_paths, mirror_pairs, choose_twins = PathRaiser(), PairMirror(), TwinChooser()
+    def __init__(self, grids: tuple[DirectionGrid, DirectionGrid], turns: FloatArray, level: float) -> None:
+        raise_paths, mirror_pairs, choose_twins = PathRaiser(), PairMirror(), TwinChooser(grids)
         self._moves: tuple[Move, ...] = (
             lambda at, now: raise_paths(at, now, level / 2, STEPS),
             lambda at, now: mirror_pairs(at, now, PAIR_STEPS),

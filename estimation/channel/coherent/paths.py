@@ -150,7 +150,7 @@ def find_paths(
     solution = solve_at(reference, reference.paths)
     most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
     search = SpectrumSearch(white, plan.grids, plan.oversampling)
-    higher_maximum = HigherMaximum(search.turns, window.level)
+    higher_maximum = HigherMaximum(plan.grids, search.turns, window.level)
     least_share = LEAST_OF_ROUND if window.pairs is None else 0.0
     share = least_share
     for _ in range(MAX_ROUNDS):

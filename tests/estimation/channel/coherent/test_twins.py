@@ -70,7 +70,8 @@ def test_a_path_moves_to_its_twin_beyond_a_fold() -> None:
     found = refine_paths(nothing, wrong, 30)
     assert np.rad2deg(found.paths.aod_rad[0, 1]) > 45.0
     reference = Reference(sweep, found.paths)
-    chosen = TwinChooser()(reference, solve_at(reference, found.paths), 10)
+    grids = direction_grid(sweep.tx, 2.0), direction_grid(sweep.rx, 2.0)
+    chosen = TwinChooser(grids)(reference, solve_at(reference, found.paths), 10)
     np.testing.assert_allclose(np.rad2deg(chosen.paths.aod_rad), place[0], atol=0.5)
 
 
