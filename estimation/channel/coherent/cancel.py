@@ -3,6 +3,10 @@
 Two paths that nearly coincide with opposite amplitudes are the derivative of one path. A fit of too few paths uses
 such a pair to explain the residual of a group of several; the closer the two come, the larger both become, without
 bound. True phases are independent: even with equal amplitudes two true paths cancel by 20 dB in only 3 % of cases.
+
+Groups of three and more do the same with less cancelling in each pair: they explain what scatters about a strong
+reflection by its higher derivatives. Then noise alone leaves the places of these paths unknown to a resolution
+cell, however strong they are.
 """
 
 import numpy as np
