@@ -11,7 +11,7 @@ cell, however strong they are.
 
 import numpy as np
 
-from estimation.channel.coherent.hidden import LEAST_SEEN
+from estimation.channel.coherent.hidden import seen_axes
 from estimation.channel.coherent.refine import (
     Reference,
     Solution,
@@ -44,8 +44,7 @@ def is_lost(variance: FloatArray, rate: FloatArray) -> BoolArray:
 
     From variances (path, parameter) of places, and `rate` (path, parameter), their length on the manifold.
     """
-    is_seen = rate > LEAST_SEEN * rate.max(axis=0, initial=0.0)
-    return np.asarray((is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1))
+    return np.asarray((seen_axes(rate) & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1))
 
 
 def _without_pairs(reference: Reference, solution: Solution, max_steps: int) -> Solution:

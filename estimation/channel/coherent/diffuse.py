@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel.coherent.cancel import is_lost
-from estimation.channel.coherent.hidden import LEAST_SEEN
+from estimation.channel.coherent.hidden import seen_axes
 from estimation.channel.coherent.misfit import PathErrors, error_scale, quadrature_statistic, weak_field
 from estimation.channel.coherent.moving import shift_covariance
 from estimation.channel.coherent.neighbours import neighbour_covariance
@@ -106,8 +106,9 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     rate[:, 0] /= sweep.bin_s
     variance = np.einsum("ipp->ip", fit.covariance)[:, :n_places]
     lost = is_lost(variance, rate)
-    is_seen = rate > LEAST_SEEN * rate.max(axis=0, initial=0.0)
-    lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
+    lost |= (seen_axes(rate).any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(
+        axis=1
+    )
     lost |= companions(fit, sweep.tx, sweep.rx)
     is_faint = _is_over_background(sweep, paths.delay_bins) & (fit.snr_db < 10 * np.log10(level))
     return np.asarray(fit.is_weak | lost | is_faint)

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel.coherent.prune import LevelOfPaths
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
+from estimation.channel.model.apparent import directions_on_cone
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, responses
@@ -115,9 +116,9 @@ def _agreeing(
 
 def same_cone(angles_rad: FloatArray, boresight_rad: float, elevation_rad: FloatArray) -> FloatArray:
     """Directions (direction, 2) of these elevations on the cone of a horizontal one (2,) about a boresight."""
-    sine = np.sin(angles_rad[0] - boresight_rad) / np.cos(elevation_rad)
-    is_there = np.abs(sine) < 1
-    return np.stack([boresight_rad + np.arcsin(sine[is_there]), elevation_rad[is_there]], axis=1)
+    level = np.array([[angles_rad[0], 0.0]])
+    directions, is_there = directions_on_cone(level, np.array([boresight_rad]), elevation_rad)
+    return np.asarray(directions[is_there])
 
 
 def hiding_ends(sweep: CompressedSweep) -> list[tuple[bool, Manifold]]:

@@ -23,6 +23,11 @@ LEAST_OWN_SHARE = 0.02  # of a probe's energy that known paths cannot explain: b
 LEAST_SEEN = 1e-3  # of the usual rate on the manifold, below which a parameter is unobservable
 
 
+def seen_axes(rate: FloatArray) -> BoolArray:
+    """Mask (path, parameter) of the axes along which the beams resolve paths, from the `manifold_rates` of all."""
+    return np.asarray(rate > LEAST_SEEN * rate.max(axis=0, initial=0.0))
+
+
 @dataclass(frozen=True)
 class ProbeScores:
     """Amplitudes of probes for a further path, in the linear model of all known paths near them.

@@ -5,6 +5,7 @@ Beams at two elevations tell apart little more than the ratio of their gains, wh
 
 import numpy as np
 
+from estimation.channel.model.apparent import directions_on_cone
 from estimation.channel.model.manifold import CELL, Manifold
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
@@ -36,15 +37,13 @@ def twins_on_cone(manifold: Manifold, angles: FloatArray, least: float) -> list[
     below `least` do not count. Two that lie on both sides of a fold are less than a resolution cell apart.
     """
     elevation = manifold.elevations()
-    boresight = manifold.best_panel_rad(angles)[:, None]
-    sine = np.sin(angles[:, :1] - boresight) * np.cos(angles[:, 1:]) / np.cos(elevation)
-    azimuth = wrap_angle(boresight + np.arcsin(np.clip(sine, -1.0, 1.0)))
-    on_cone = np.stack([azimuth, np.broadcast_to(elevation, azimuth.shape)], axis=2)
-    response = manifold.response(on_cone.reshape(-1, 2)).reshape(*azimuth.shape, -1)
+    on_cone, is_there = directions_on_cone(angles, manifold.best_panel_rad(angles), elevation)
+    on_cone[..., 0] = wrap_angle(on_cone[..., 0])
+    response = manifold.response(on_cone.reshape(-1, 2)).reshape(*is_there.shape, -1)
     own = manifold.response(angles)
     norm = np.linalg.norm(response, axis=2) * np.linalg.norm(own, axis=1)[:, None]
     likeness = np.abs(np.einsum("deb,db->de", response, own.conj())) / np.maximum(norm, np.finfo(float).tiny)
-    likeness = np.where(np.abs(sine) < 1, likeness, 0.0)
+    likeness = np.where(is_there, likeness, 0.0)
     inside = likeness[:, 1:-1]
     is_twin = (inside >= least) & (inside > likeness[:, :-2]) & (inside >= likeness[:, 2:])
     is_twin &= np.abs(elevation[1:-1] - angles[:, 1:]) > elevation[1] - elevation[0]

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel.model.manifold import Manifold
 from scenes.pose import wrap_angle
-from scenes.record import ComplexArray, FloatArray
+from scenes.record import BoolArray, ComplexArray, FloatArray
 from sim.signal.arrays.codebook import Codebook, beam_response
 
 
@@ -23,6 +23,21 @@ def cone_angles(
     across = np.sqrt(np.maximum(1 - sine**2, np.finfo(float).tiny))
     slopes = np.stack([np.cos(turn) * np.cos(elevation_rad), -np.sin(turn) * np.sin(elevation_rad)], axis=1)
     return np.asarray(boresight_rad + np.arcsin(sine)), slopes / across[:, None]
+
+
+def directions_on_cone(
+    angles_rad: FloatArray, boresight_rad: FloatArray, elevation_rad: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Directions (direction, elevation, 2) on the cones of others (direction, 2) about a boresight (direction,).
+
+    They are in front, at each of the elevations (elevation,). The second result (direction, elevation) is whether
+    the cone reaches this elevation.
+    """
+    boresight = boresight_rad[:, None]
+    sine = np.sin(angles_rad[:, :1] - boresight) * np.cos(angles_rad[:, 1:]) / np.cos(elevation_rad)
+    is_there = np.abs(sine) < 1
+    azimuth = boresight + np.arcsin(np.where(is_there, sine, 0.0))
+    return np.stack([azimuth, np.broadcast_to(elevation_rad, azimuth.shape)], axis=2), is_there
 
 
 def reported_angles(manifold: Manifold, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray]:
