@@ -102,6 +102,11 @@ def cancelling_coherence(solution: Solution) -> FloatArray:
     return np.where((coherence >= SAME) | (is_near & is_cancelled), coherence, 0.0)
 
 
+def has_neighbour(solution: Solution) -> BoolArray:
+    """Mask (path,) of paths with another one within half a resolution cell."""
+    return np.asarray((_coherence(solution) >= NEAR).sum(axis=1) > 1)
+
+
 def _coherence(solution: Solution) -> FloatArray:
     """Squared coherence (path, path) of the responses of paths."""
     energy = np.diagonal(solution.inner).real

@@ -13,16 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel.coherent.cancel import is_lost
+from estimation.channel.coherent.cancel import has_neighbour, is_lost
 from estimation.channel.coherent.hidden import seen_axes
 from estimation.channel.coherent.misfit import PathErrors, error_scale, quadrature_statistic, weak_field
 from estimation.channel.coherent.moving import shift_covariance
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.pair_errors import PairErrors
-from estimation.channel.coherent.paths import compress_stop, find_paths, path_fit, reported_delay_bins
+from estimation.channel.coherent.paths import ROUND_STEPS, compress_stop, find_paths, path_fit, reported_delay_bins
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
-from estimation.channel.coherent.refine import Reference, Solution, joint_covariance, response_powers
+from estimation.channel.coherent.refine import Reference, Solution, joint_covariance, refine_near, response_powers
 from estimation.channel.coherent.search import searched_turns
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
@@ -55,6 +55,7 @@ def fit_over_background(
     white, solution = find_paths(stop.compressed, stop.window, stop.plan, stop.config)
     if pair_errors is not None and not len(solution.paths):
         return empty_fit(stop.tx.n_angles, stop.rx.n_angles, "no_paths")
+    solution = resolved_paths(white, solution, stop.window)
     reference = Reference(white, solution.paths)
     errors = path_errors(reference, solution, stop.window)
     turns = searched_turns(white.turns, stop.plan.grids, stop.plan.oversampling)
@@ -71,32 +72,65 @@ def fit_over_background(
     return replace(fit, is_weak=weak)
 
 
-def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -> PathErrors:
-    """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours.
+def resolved_paths(sweep: CompressedSweep, solution: Solution, window: DelayWindow) -> Solution:
+    """The solution without redundant paths that have a neighbour within half a cell; the others are fitted again.
 
-    A path is redundant if the others share most of its energy, and what it adds is below its level in the window
-    times that scale: the errors of the model reach as far. The scale is at least the noise of the path's beam
-    pairs.
+    Strong paths that the model does not describe exactly are found as several. The errors of the model explain
+    the others as well, and each of them would take the place of the one path with a share of its power.
     """
-    shown = error_scale(*quadrature_statistic(reference, solution))
-    pair_noise = window.noise_at(solution.paths)
-    scale = np.maximum(shown, pair_noise)
-    by_neighbours, probability = neighbour_covariance(reference, solution, pair_noise)
+    for _ in range(len(solution.paths)):
+        reference = Reference(sweep, solution.paths)
+        scale = _noise_scale(reference, solution, window)
+        out = _redundant(solution, scale, window) & has_neighbour(solution)
+        if not out.any():
+            break
+        kept, without = solution.paths.take(~out), solution.paths.take(out)
+        solution = refine_near(reference, kept, without, ROUND_STEPS)
+    return solution
+
+
+def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -> PathErrors:
+    """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours."""
+    scale = _noise_scale(reference, solution, window)
+    by_neighbours, probability = neighbour_covariance(reference, solution, window.noise_at(solution.paths))
     lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
     by_noise = joint_covariance(solution, reference.sweep.n_subcarriers, lost)
-    is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
-    is_redundant = redundant_paths(solution, scale * window.white_level_at(solution.paths.delay_bins)) & is_small
+    is_redundant = _redundant(solution, scale, window)
     if window.pairs is not None:
         is_redundant |= window.pairs.may_be_floor(solution.paths, reference.sweep.n_subcarriers)
     return PathErrors(by_noise, scale, by_neighbours, probability, is_redundant)
+
+
+def _noise_scale(reference: Reference, solution: Solution, window: DelayWindow) -> FloatArray:
+    """Scale (path,) of the noise that the quadrature shows, at least the noise of the path's beam pairs."""
+    shown = error_scale(*quadrature_statistic(reference, solution))
+    return np.maximum(shown, window.noise_at(solution.paths))
+
+
+def _redundant(solution: Solution, scale: FloatArray, window: DelayWindow) -> BoolArray:
+    """Mask (path,) of the paths that others can replace: the errors of the model reach as far.
+
+    The others share most of the energy of such a path, and what it adds is below its level in the window times the
+    `scale` (path,) of the noise.
+    """
+    is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
+    return redundant_paths(solution, scale * window.white_level_at(solution.paths.delay_bins)) & is_small
 
 
 def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     """Mask (path,) of paths that are redundant, companions, faint over a background, or not resolved.
 
     Those below the `level` in every beam pair show only in many beams together; over a background so does the sum
-    of weak paths. Those not resolved are known no better than to their cell, or to a quadrant: parts of a group
-    that the data cannot resolve. The `sweep` has all beams.
+    of weak paths. The `sweep` has all beams.
+    """
+    is_faint = _is_over_background(sweep, fit.delay_s / sweep.bin_s) & (fit.snr_db < 10 * np.log10(level))
+    return np.asarray(fit.is_weak | _is_unresolved(fit, sweep) | companions(fit, sweep.tx, sweep.rx) | is_faint)
+
+
+def _is_unresolved(fit: PathFit, sweep: CompressedSweep) -> BoolArray:
+    """Mask (path,) of paths known no better than to their cell, or to a quadrant.
+
+    They are parts of a group that the data cannot resolve. The `sweep` has all beams.
     """
     paths = PathParameters(
         fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex), fit.doppler_hz
@@ -105,13 +139,9 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     rate = manifold_rates(sweep, paths)[:, :n_places]
     rate[:, 0] /= sweep.bin_s
     variance = np.einsum("ipp->ip", fit.covariance)[:, :n_places]
-    lost = is_lost(variance, rate)
-    lost |= (seen_axes(rate).any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(
-        axis=1
-    )
-    lost |= companions(fit, sweep.tx, sweep.rx)
-    is_faint = _is_over_background(sweep, paths.delay_bins) & (fit.snr_db < 10 * np.log10(level))
-    return np.asarray(fit.is_weak | lost | is_faint)
+    azimuths = [1, 1 + sweep.tx.n_angles]
+    is_beyond = (seen_axes(rate).any(axis=0) & (variance > QUADRANT_VARIANCE))[:, azimuths].any(axis=1)
+    return np.asarray(is_lost(variance, rate) | is_beyond)
 
 
 def _is_over_background(sweep: CompressedSweep, delay_bins: FloatArray) -> BoolArray:

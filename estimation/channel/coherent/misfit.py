@@ -100,21 +100,25 @@ def weak_field(reference: Reference, paths: PathParameters, is_weak: BoolArray) 
     """Noise power (path,) that paths compete with if weak ones are a field; 1 if noise explains it.
 
     That is the power of the residual and of the weak paths together, in a path's directions, between those on both
-    sides of its delay on a logarithmic scale: fields decay, and start with their first path.
+    sides of its delay on a logarithmic scale: fields decay, and start with their first path. Weak paths count at
+    their own delays alone: the side lobes of a single one are no field.
     """
-    rest = reference.with_path_back(paths.take(np.flatnonzero(is_weak))) if is_weak.any() else reference
-    sweep = reference.sweep
+    sweep, weak = reference.sweep, np.flatnonzero(is_weak)
     tx, rx = sweep.tx.response(paths.aod_rad), sweep.rx.response(paths.aoa_rad)
     energy = np.square(np.abs(tx)).sum(axis=1) * np.square(np.abs(rx)).sum(axis=1)
     half = sweep.n_subcarriers / 2
     apart = (sweep.position - paths.delay_bins[:, None] + half) % sweep.n_subcarriers - half
+    lobe = np.where(np.abs(apart[weak]) <= 1, sweep.delay_response(paths.delay_bins[weak])[:, 0], 0.0)
+    along = (tx.conj() @ tx[weak].T) * (rx.conj() @ rx[weak].T) * paths.amplitude[weak]
     power = np.ones(len(paths))
     for path in np.flatnonzero(energy > 0):
         for side in (-1, 1):
-            beside = rest.parts[..., (side * apart[path] > OWN_BINS) & (side * apart[path] <= FIELD_BINS)]
-            matched = np.einsum("m,mnb,n->b", tx[path].conj(), beside[0] + 1j * beside[1], rx[path].conj())
+            beside = (side * apart[path] > OWN_BINS) & (side * apart[path] <= FIELD_BINS)
+            rest = reference.parts[..., beside]
+            matched = np.einsum("m,mnb,n->b", tx[path].conj(), rest[0] + 1j * rest[1], rx[path].conj())
             n = matched.size
             if n > (FIELD_BINS - OWN_BINS) / 2:
+                matched = matched + along[path] @ lobe[:, beside]
                 level = float(np.median(np.square(np.abs(matched)))) / energy[path] / np.log(2)
                 power[path] *= np.sqrt(level) if level > 1 + NOISE_STD / np.sqrt(n) else 1.0
     return power

@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from estimation.channel.coherent.diffuse import fit_over_background
+from estimation.channel.coherent.diffuse import fit_over_background, resolved_paths
 from estimation.channel.coherent.misfit import background_over_delay
-from estimation.channel.coherent.paths import fit_coherent
+from estimation.channel.coherent.paths import PreparedStop, compress_stop, fit_coherent
+from estimation.channel.coherent.refine import Reference, refine_paths
 from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.model.path_model import PathParameters
 from isac_arena.validation.scenarios.link_bench import (
     diffuse_background,
     draw_paths,
@@ -13,6 +15,7 @@ from isac_arena.validation.scenarios.link_bench import (
     observe_paths,
     single_path,
 )
+from scenes.record import FloatArray
 from tests.estimation.channel.plain_sweeps import plain_link, plain_paths, plain_sweep
 
 
@@ -75,3 +78,26 @@ def test_many_paths_are_found_and_known_within_their_covariances() -> None:
         away = np.maximum(away, np.abs(np.rad2deg(found)[:, None] - true) / 3)
     assert (away.min(axis=0) < 1).mean() >= 0.95
     assert (away.min(axis=1) < 1).mean() >= 0.95
+
+
+def _resolved_two(true_cells: list[float], fitted_cells: list[float]) -> FloatArray:
+    """Delays in cells from 200 ns of what `resolved_paths` leaves of two fitted paths."""
+    link, cell_ns, n = plain_link(), 1e9 / (288 * 120e3), len(true_cells)
+    paths = plain_paths(
+        link, 200.0 + cell_ns * np.array(true_cells), [5.0] * n, [-9.0] * n, 50.0, phase=[0.0, 2.0][:n]
+    )
+    stop = compress_stop(plain_sweep(link, paths, np.random.default_rng(4)), None, None, None)
+    assert isinstance(stop, PreparedStop)
+    sweep, first_bin = stop.compressed, 200e-9 / stop.compressed.bin_s
+    alike = (value[:1].repeat(2, axis=0) for value in (paths.aod_rad, paths.aoa_rad, paths.amplitude))
+    two = PathParameters(first_bin + np.array(fitted_cells), *alike)
+    fitted = refine_paths(Reference(sweep, two.take(slice(0))), two, 1)
+    return resolved_paths(sweep, fitted, stop.window).paths.delay_bins - first_bin
+
+
+def test_a_path_that_its_neighbour_replaces_is_left_out() -> None:
+    np.testing.assert_allclose(_resolved_two([0.0], [-0.1, 0.1]), [0.0], atol=0.01)
+
+
+def test_two_paths_that_none_replaces_are_kept() -> None:
+    np.testing.assert_allclose(np.sort(_resolved_two([-0.4, 0.4], [-0.4, 0.4])), [-0.4, 0.4], atol=0.02)

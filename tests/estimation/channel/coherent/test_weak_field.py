@@ -34,3 +34,15 @@ def test_weak_paths_about_a_strong_one_are_noise_and_noise_alone_is_none():
     as_field, as_paths = field_power(300.0)
     assert as_field > 5
     assert as_paths == pytest.approx(1.0)
+
+
+def test_the_side_lobes_of_one_weak_path_are_no_field():
+    """Four bins after the strong path, where the side lobes of 50 dB fill the bins beside it."""
+    rng = np.random.default_rng(5)
+    delay_ns = 300.0 + 1e9 / (288 * 120e3) * np.array([0.0, 4.3])
+    paths = plain_paths(LINK, delay_ns, [-15.0, -13.0], [12.0, 11.0], np.array([60.0, 50.0]))
+    sweep = compressed(plain_sweep(LINK, paths, rng))
+    start = PathParameters(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
+    found = solve_at(Reference(sweep, start.take(np.arange(0))), start).paths
+    field = weak_field(Reference(sweep, found), found, np.array([False, True]))
+    assert field[0] == pytest.approx(1.0)
