@@ -28,10 +28,10 @@ from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent.clock_drift import DRIFTING, WANDERING, ClockDrift, without_drift
+from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, without_drift
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from estimation.channel.incoherent.response_errors import ResponseErrors
-from estimation.channel.phases.drift import drift_against, with_drift_errors
+from estimation.channel.phases.drift import drift_against, may_drift, settled_drift, with_drift_errors
 from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of, without_phases
 from estimation.channel.phases.ramp import LARGEST_RESIDUAL_RAD, PhaseRamp, fit_phase_ramp, without_phase_ramp
 from estimation.channel.phases.track import PhaseTrack, track_phases, wanders
@@ -137,15 +137,15 @@ def _coherent(
 ) -> AutoFit | None:
     """The coherent fit without the ramp; None if it has no paths, or if its phases do not hold and must.
 
-    A drift of the clock that pairs show one by one is found again with a few coherent paths: other paths in a pair
-    look like one. Phases that hold may still wander by a few degrees: then they are tracked, with the errors of
-    elements that the `incoherent` fit shows, and must be followed where nothing else says that they hold. Without
-    such a fit they are not.
+    A drift of the clock that pairs show one by one is found again with some coherent paths: other paths in a pair
+    look like one. One that pairs do not show, all paths do. Phases that hold may still wander by a few degrees:
+    then they are tracked, with the errors of elements that the `incoherent` fit shows, and must be followed where
+    nothing else says that they hold. Without such a fit they are not. Noise in proportion to the signal changes
+    the paths: they are fitted again with it.
     """
     drift = ClockDrift()
     if drift_s:
-        back = without_phase_ramp(without_drift(sweep, drift_s), ramp.tx_step_rad, ramp.rx_step_rad)
-        drift = drift_against(back, fit_over_background(back, few_paths(config)), ClockDrift(drift_s), DRIFTING)
+        drift = _drift_by_some(sweep, ramp, config, drift_s)
     steady = without_drift(sweep, drift.per_pair)
     turned = without_phase_ramp(steady, ramp.tx_step_rad, ramp.rx_step_rad)
     fit = fit_over_background(turned, config)
@@ -156,13 +156,32 @@ def _coherent(
         ramp = fit_phase_ramp(pairs)
     if not ramp.is_coherent:
         return None
+    if incoherent is not None and not drift_s and may_drift(turned, fit):
+        found = _drift_by_some(sweep, ramp, config, 0.0)
+        if found.is_likely:
+            return _coherent(sweep, found.per_pair, ramp, config, incoherent, is_sure=is_sure)
     if incoherent is not None and wanders(pairs):
         tracked = _tracked(sweep, pairs, config, (config.max_paths,), incoherent, drift)
         if tracked is not None or not is_sure:
             return None if tracked is None else _tracked_fit(sweep, tracked, ramp, incoherent)
+    errors = None
+    if incoherent is not None and pairs.adds_noise:
+        errors = PairErrors(pairs.noise_excess, np.zeros(pairs.snr.shape))
+        fit = fit_over_background(turned, config, pair_errors=errors)
+        if not len(fit):
+            return None
     offset_hz = _frequency_offset_hz(sweep, ramp)
     certain = with_drift_errors(steady, fit, drift)
-    return AutoFit(certain, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz), turned)
+    return AutoFit(certain, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz), turned, errors)
+
+
+def _drift_by_some(
+    sweep: BeamSweep, ramp: PhaseRamp, config: MaximumLikelihoodConfig, start_s: float
+) -> ClockDrift:
+    """The drift of the clock near a first value, with the strongest coherent paths."""
+    some = config.model_copy(update={"max_paths": min(config.max_paths, _TRACKING_PATHS[-1])})
+    back = without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad)
+    return settled_drift(back, lambda steady: fit_over_background(steady, some), start_s)
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,8 @@ class LitPairs:
                 ends = end[:, slope], other[:, 0]
                 pair = pair_products(*(ends if is_tx else ends[::-1]))
                 columns.append(((paths.amplitude[:, None] * pair).conj() * against[:, 0]).imag)
-        share = 2 / (2 * energy + 1 / self.errors.phase_variance.ravel())
+        variance = self.errors.phase_variance.ravel()
+        share = 2 * variance / (2 * energy * variance + 1)
         rows = np.stack(columns, axis=1).reshape(n * len(columns), -1)
         return np.asarray((rows * share @ rows.T).reshape(n, len(columns), n, len(columns)))
 

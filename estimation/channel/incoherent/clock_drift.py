@@ -36,6 +36,11 @@ class ClockDrift:
     per_pair: float = 0.0
     variance: float = 0.0
 
+    @property
+    def is_likely(self) -> bool:
+        """Whether a clock that drifts is more likely than one that does not (see `posterior`)."""
+        return self.per_pair**2 > self.variance
+
 
 def clock_drift(
     ends: LinkBeams,

@@ -14,6 +14,7 @@ from sim.observation import BeamSweep
 
 LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
 ABOUT_BINS = 2  # about a path, that hold most of its energy
+ADDED_NOISE = 0.2  # over the nominal one, in the pairs of strong paths, that matters: their deviations grow by 10 %
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class PairPhases:
     def noise_excess(self) -> FloatArray:
         """`excess`, zero where it is not known."""
         return np.zeros(self.snr.shape) if self.excess is None else self.excess
+
+    @property
+    def adds_noise(self) -> bool:
+        """Whether pairs have noise in proportion to their signal, as of converters and mixers."""
+        return float((self.snr * self.noise_excess).sum()) > ADDED_NOISE * float(self.snr.sum())
 
 
 @dataclass(frozen=True)

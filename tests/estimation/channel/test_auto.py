@@ -120,6 +120,39 @@ def test_coherent_paths_decide_about_a_drift_of_the_clock(monkeypatch, true_ps: 
     assert chosen.fit.covariance[:, 0, 0].max() < (12e-12) ** 2
 
 
+def test_all_paths_show_a_drift_that_pairs_do_not(monkeypatch) -> None:
+    strong = replace(PATHS, amplitude=100 * PATHS.amplitude)
+    sweep = plain_sweep(SMALL, strong, np.random.default_rng(9))
+    late_s = 100e-12 * np.arange(100).reshape(10, 10) / 100
+    turn = np.exp(-2j * np.pi * late_s[:, :, None] * sweep.frequency_offset_hz)
+    sweep = replace(sweep, samples=sweep.samples * turn)
+    found = replace(fit_incoherent(sweep), drift_s=0.0)
+    monkeypatch.setattr(auto, "fit_incoherent", lambda *_, **__: found)
+    chosen = fit_auto(sweep)
+    assert chosen.mode == "coherent"
+    assert len(chosen.fit) == 3
+    error = (chosen.fit.delay_s - PATHS.delay_s) / np.sqrt(chosen.fit.covariance[:, 0, 0])
+    assert (np.abs(error) < 3).all()
+    assert chosen.fit.covariance[:, 0, 0].max() < (12e-12) ** 2
+
+
+def test_noise_in_proportion_to_the_signal_of_a_pair_is_no_path() -> None:
+    """As of a mixer with an image 25 dB below the signal: another one in every pair, at all delays alike."""
+    strong = replace(PATHS, amplitude=30 * PATHS.amplitude)
+    rng = np.random.default_rng(10)
+    sweep = plain_sweep(SMALL, strong, rng)
+    level = np.sqrt(np.square(np.abs(sweep.samples)).mean(axis=2, keepdims=True) / 2) * 10 ** (-25 / 20)
+    image = level * (rng.standard_normal(sweep.samples.shape) + 1j * rng.standard_normal(sweep.samples.shape))
+    chosen = fit_auto(replace(sweep, samples=sweep.samples + image))
+    assert chosen.mode == "coherent"
+    seen = chosen.fit.take("path", ~chosen.fit.is_weak)
+    assert len(seen) == 3
+    error = (seen.delay_s - PATHS.delay_s) / np.sqrt(seen.covariance[:, 0, 0])
+    assert (np.abs(error) < 3).all()
+    clean = fit_auto(sweep).fit
+    assert (seen.covariance[:, 0, 0] > 2 * clean.covariance[:, 0, 0]).all()
+
+
 def test_a_few_coherent_paths_come_before_tracked_phases(monkeypatch) -> None:
     """An incoherent fit may show other phases than coherent paths do; these hold, so there is nothing to track."""
     sweep = plain_sweep(SMALL, PATHS, np.random.default_rng(7))
