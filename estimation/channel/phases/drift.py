@@ -98,7 +98,7 @@ def _drift_left(sweep: BeamSweep, fit: PathFit) -> tuple[float, float]:
     best = np.sort(np.argsort(-fit.snr_db, kind="stable")[:MOST_PATHS])
     slope = -2j * np.pi * sweep.frequency_offset_hz * wave[best]
     both = np.concatenate([wave[best], slope.astype(np.complex64)]).conj().T
-    n_tx, n_rx, n_bins = sweep.samples.shape
+    n_tx, n_rx = sweep.samples.shape[:2]
     matched = np.empty((n_tx, n_rx, 2, len(best)), complex)
     for beam, (expected, samples) in enumerate(model.blocks(sweep)):
         turn = np.exp(1j * np.angle((expected.conj() * samples).sum(axis=1))).astype(np.complex64)

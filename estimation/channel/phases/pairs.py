@@ -14,7 +14,7 @@ from sim.observation import BeamSweep
 
 LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
 ABOUT_BINS = 2  # about a path, that hold most of its energy
-ADDED_NOISE = 0.2  # over the nominal one, in the pairs of strong paths, that matters: their deviations grow by 10 %
+ADDED_NOISE = 0.2  # in the pairs of strong paths, over the nominal one: their deviations grow by 10 %
 
 
 @dataclass(frozen=True)
