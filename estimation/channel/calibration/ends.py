@@ -7,13 +7,12 @@ import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
 from scenes.pose import SPEED_OF_LIGHT_M_S
-from scenes.record import ComplexArray, FloatArray
+from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
 
 DIFFERENCE_RAD = 1e-5  # between angles, for slopes of responses
 SAME_PLACE = 0.02  # of a wavelength, up to which displacements are equal
-COUPLED = 1.0  # wavelengths, up to which elements couple
 
 
 @dataclass(frozen=True)
@@ -66,19 +65,39 @@ def as_built(codebook: Codebook, factors: ComplexArray) -> Codebook:
 
 
 def coupled_pairs(codebook: Codebook) -> FloatArray:
-    """Masks (kind, element, element) of the pairs of elements that couple alike: up to a wavelength apart.
+    """Masks (kind, element, element) of the pairs of elements that couple alike.
 
     Coupling depends on the displacement alone, up to its sign, as in an array without edges. Beams that do not
     resolve elevation see the sums of columns: only coupling along the rows shows there.
     """
+    apart, kinds = _displacements(codebook)
+    return np.array([(apart == kind).all(axis=2) for kind in kinds], float).reshape(len(kinds), *apart.shape[:2])
+
+
+def coupling_levels(codebook: Codebook) -> FloatArray:
+    """Coupling (kind,) of every kind of `coupled_pairs` over that of neighbours half a wavelength apart.
+
+    It falls as a wave does, in proportion to the distance (Balanis, Antenna Theory, section 8.7). Where beams see
+    columns, the coupling of all their elements adds up.
+    """
+    apart, kinds = _displacements(codebook)
+    distance = np.linalg.norm(apart * SAME_PLACE, axis=2)
+    level = np.divide(0.5, distance, out=np.zeros(distance.shape), where=distance > 0)
+    counted = [0, 1] if nominal_manifold(codebook).n_angles == 1 else [0, 1, 2]
+    alike = [(apart == kind)[..., counted].all(axis=2) for kind in kinds]
+    alone = [(apart == kind).all(axis=2) for kind in kinds]
+    return np.array([level[one].sum() / own.sum() for one, own in zip(alike, alone, strict=True)])
+
+
+def _displacements(codebook: Codebook) -> tuple[IntArray, IntArray]:
+    """Displacements (element, element, xyz) without sign, in steps of `SAME_PLACE`, and their kinds (kind, xyz)."""
     wavelength_m = SPEED_OF_LIGHT_M_S / codebook.carrier_hz
     position = codebook.element_position_m / wavelength_m
     apart = np.round(np.abs(position[:, None] - position) / SAME_PLACE).astype(int)
-    near = np.linalg.norm(apart * SAME_PLACE, axis=2) <= COUPLED + SAME_PLACE
+    couples = apart.any(axis=2)
     if nominal_manifold(codebook).n_angles == 1:
-        near &= apart[..., 2] == 0
-    kinds = np.unique(apart[near & apart.any(axis=2)], axis=0)
-    return np.array([(apart == kind).all(axis=2) for kind in kinds], float).reshape(len(kinds), *near.shape)
+        couples &= apart[..., 2] == 0
+    return apart, np.unique(apart[couples], axis=0)
 
 
 def element_matrix(

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from estimation.channel.calibration.ends import End, designed_factors
+from estimation.channel.calibration.ends import End, coupling_levels, designed_factors
 from estimation.channel.calibration.normal import NormalEquations, StopModel, StopSamples, normal_equations
 from scenes.record import ComplexArray, FloatArray
 from sim.signal.arrays.codebook import Codebook
@@ -22,7 +22,7 @@ from sim.signal.arrays.codebook import Codebook
 FIRST_DAMPING, LARGEST_DAMPING = 1e-3, 1e6  # relative to the diagonal
 HARDER, EASIER = 10.0, 0.1  # damping after a step that fails, and after one that holds
 CONVERGED = 1e-3  # relative fall of the cost
-COUPLING_STD = 0.1  # of the coupling of elements: -20 dB
+COUPLING_STD = 0.1  # of the coupling of neighbours: -20 dB
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ def joint_factors(
 ) -> JointFactors:
     """The factors of both arrays (books of TX and RX) from stops with their paths.
 
-    Elements are 1 to `prior_std`, and couple by no more than `COUPLING_STD`.
+    Elements are 1 to `prior_std`, and neighbours couple by no more than `COUPLING_STD`.
     """
     designed = [designed_factors(book) for book in books]
-    spread = np.where(np.concatenate(designed) == 1, prior_std, COUPLING_STD)
+    spread = np.concatenate([_prior_spread(book, prior_std) for book in books])
     fit = _Fit(designed[0], designed[1], tuple(models), np.concatenate(designed), spread)
     costs = first = fit.costs(stops, books)
     damping = FIRST_DAMPING
@@ -98,6 +98,11 @@ def independent_errors(left: ComplexArray) -> float:
         covariance = rows @ rows.conj().T
         ratios.append(np.trace(covariance).real ** 2 / np.square(np.abs(covariance)).sum())
     return float(np.prod(ratios))
+
+
+def _prior_spread(book: Codebook, prior_std: float) -> FloatArray:
+    """Prior deviation (factor,) of the factors of a device from the designed ones."""
+    return np.append(np.full(book.size("element"), prior_std), COUPLING_STD * coupling_levels(book))
 
 
 @dataclass(frozen=True)

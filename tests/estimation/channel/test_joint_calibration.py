@@ -10,6 +10,7 @@ from estimation.channel.calibration.ends import (
     End,
     as_built,
     coupled_pairs,
+    coupling_levels,
     designed_factors,
     with_responses,
     without_gauge,
@@ -158,16 +159,26 @@ def test_a_few_other_paths_are_as_many_independent_errors_as_they_light_beams() 
     assert independent_errors(few) == pytest.approx(4, rel=0.5)
 
 
-def test_coupling_is_told_by_displacement_and_reaches_a_wavelength() -> None:
+def test_coupling_is_told_by_displacement_at_all_distances() -> None:
     grid = coupled_pairs(book(3, 4))
-    assert len(grid) == 5  # (0, 1), (1, 0), (1, 1), (0, 2), (2, 0) half wavelengths
+    assert len(grid) == 3 * 4 - 1
     np.testing.assert_array_equal(grid, grid.swapaxes(1, 2))
-    assert not grid[:, np.arange(12), np.arange(12)].any() and grid.sum(axis=0).max() == 1
-    assert len(coupled_pairs(book(3, 4, (0.0,)))) == 2  # horizontal beams see sums of columns
-    one = book(1, 3, (-0.4, 0.0, 0.4))
+    np.testing.assert_array_equal(grid.sum(axis=0), 1 - np.eye(12))
+    assert len(coupled_pairs(book(3, 4, (0.0,)))) == 3  # horizontal beams see sums of columns
+    one = book(1, 5, (-0.4, 0.0, 0.4))
     true = coupling_matrix(one.element_position_m, CARRIER_HZ, -20.0)
-    factors = np.concatenate([np.ones(3), [true[0, 1], true[0, 2]]])
+    factors = np.concatenate([np.ones(5), true[0, 1:]])
     np.testing.assert_allclose(as_built(one, factors).weights, one.weights @ true, atol=1e-9)
+
+
+def test_coupling_falls_with_distance_and_adds_up_over_columns() -> None:
+    true = np.abs(coupling_matrix(book(4, 6).element_position_m, CARRIER_HZ, -20.0))
+    kinds = coupled_pairs(book(4, 6))
+    expected = [10 * (true * kind).sum() / kind.sum() for kind in kinds]
+    np.testing.assert_allclose(coupling_levels(book(4, 6)), expected, rtol=0.03)
+    level = coupling_levels(book(4, 6, (0.0,)))
+    columns = 10 * true.reshape(4, 6, 4, 6).sum(axis=(0, 2)) / 4  # (column, column)
+    np.testing.assert_allclose(level, columns[0, 1:], rtol=0.03)
 
 
 def sweeps(gain_std_db: float, phase_std_deg: float) -> list[BeamSweep]:
