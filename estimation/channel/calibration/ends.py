@@ -90,7 +90,7 @@ def coupling_levels(codebook: Codebook) -> FloatArray:
 
 
 def _displacements(codebook: Codebook) -> tuple[IntArray, IntArray]:
-    """Displacements (element, element, xyz) without sign, in steps of `SAME_PLACE`, and their kinds (kind, xyz)."""
+    """Displacements (element, element, xyz) without sign, in steps of `SAME_PLACE`; their kinds (kind, xyz)."""
     wavelength_m = SPEED_OF_LIGHT_M_S / codebook.carrier_hz
     position = codebook.element_position_m / wavelength_m
     apart = np.round(np.abs(position[:, None] - position) / SAME_PLACE).astype(int)
