@@ -79,7 +79,7 @@ def _is_shown(sweep: BeamSweep, fit: PathFit) -> bool:
 
 
 def _period_s(sweep: BeamSweep) -> float:
-    return (sweep.samples.shape[2] - 1) / float(np.ptp(sweep.frequency_offset_hz))
+    return float((sweep.samples.shape[2] - 1) / np.ptp(sweep.frequency_offset_hz))
 
 
 def with_drift_errors(sweep: BeamSweep, fit: PathFit, drift: ClockDrift) -> PathFit:
