@@ -106,9 +106,9 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words, steady)
 
 
-def few_paths(config: MaximumLikelihoodConfig) -> MaximumLikelihoodConfig:
+def few_paths(config: MaximumLikelihoodConfig, most: int = _TELLING_PATHS) -> MaximumLikelihoodConfig:
     """The settings of a fit of the strongest paths alone."""
-    return config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
+    return config.model_copy(update={"max_paths": min(config.max_paths, most)})
 
 
 def _coherent_by_few(
@@ -179,7 +179,7 @@ def _drift_by_some(
     sweep: BeamSweep, ramp: PhaseRamp, config: MaximumLikelihoodConfig, start_s: float
 ) -> ClockDrift:
     """The drift of the clock near a first value, with the strongest coherent paths."""
-    some = config.model_copy(update={"max_paths": min(config.max_paths, _TRACKING_PATHS[-1])})
+    some = few_paths(config, _TRACKING_PATHS[-1])
     back = without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad)
     return settled_drift(back, lambda steady: fit_over_background(steady, some), start_s)
 
@@ -240,10 +240,9 @@ def _tracked(
             return None
         steady = without_drift(sweep, known.per_pair)
         turned = without_phases(steady, track.phase_rad)
-        some = config.model_copy(update={"max_paths": min(limit, config.max_paths)})
         level = min(incoherent.element_floor, incoherent.element_error)  # few lobes show it: rather too low
         errors = PairErrors(pairs.noise_excess, track.variance, level)
-        fit = fit_over_background(turned, some, pair_errors=errors)
+        fit = fit_over_background(turned, few_paths(config, limit), pair_errors=errors)
         if not len(fit):
             return None
         pairs = phases_against(steady, fit)

@@ -83,10 +83,9 @@ def coupling_levels(codebook: Codebook) -> FloatArray:
     apart, kinds = _displacements(codebook)
     distance = np.linalg.norm(apart * SAME_PLACE, axis=2)
     level = np.divide(0.5, distance, out=np.zeros(distance.shape), where=distance > 0)
-    counted = [0, 1] if nominal_manifold(codebook).n_angles == 1 else [0, 1, 2]
-    alike = [(apart == kind)[..., counted].all(axis=2) for kind in kinds]
-    alone = [(apart == kind).all(axis=2) for kind in kinds]
-    return np.array([level[one].sum() / own.sum() for one, own in zip(alike, alone, strict=True)])
+    seen = slice(2) if nominal_manifold(codebook).n_angles == 1 else slice(3)
+    alike = [(apart[..., seen] == kind[seen]).all(axis=2) for kind in kinds]
+    return np.asarray([level[pairs].sum() for pairs in alike] / coupled_pairs(codebook).sum(axis=(1, 2)))
 
 
 def _displacements(codebook: Codebook) -> tuple[IntArray, IntArray]:

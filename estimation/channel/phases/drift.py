@@ -73,15 +73,6 @@ def settled_drift(sweep: BeamSweep, fitted: Callable[[BeamSweep], PathFit], star
     return posterior(found_s, variance, prior_variance(_period_s(sweep)), DRIFTING)
 
 
-def _is_shown(sweep: BeamSweep, fit: PathFit) -> bool:
-    """Whether there are paths, and beams enough to tell a drift."""
-    return len(fit) > 0 and sweep.samples.shape[0] >= LEAST_BEAMS
-
-
-def _period_s(sweep: BeamSweep) -> float:
-    return float((sweep.samples.shape[2] - 1) / np.ptp(sweep.frequency_offset_hz))
-
-
 def with_drift_errors(sweep: BeamSweep, fit: PathFit, drift: ClockDrift) -> PathFit:
     """The fit of a sweep free of a drift; what is not known of the drift is part of the covariances of delays."""
     tx, rx = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
@@ -89,6 +80,15 @@ def with_drift_errors(sweep: BeamSweep, fit: PathFit, drift: ClockDrift) -> Path
     covariance = fit.covariance.copy()
     covariance[:, 0, 0] += drift.variance * np.square(seen)
     return replace(fit, covariance=covariance)
+
+
+def _is_shown(sweep: BeamSweep, fit: PathFit) -> bool:
+    """Whether there are paths, and beams enough to tell a drift."""
+    return len(fit) > 0 and sweep.samples.shape[0] >= LEAST_BEAMS
+
+
+def _period_s(sweep: BeamSweep) -> float:
+    return float((sweep.samples.shape[2] - 1) / np.ptp(sweep.frequency_offset_hz))
 
 
 def _drift_left(sweep: BeamSweep, fit: PathFit) -> tuple[float, float]:
